@@ -1,0 +1,5 @@
+"""`python -m guidance` is the command `guidance`."""
+
+from guidance.cli import main
+
+main()

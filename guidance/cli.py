@@ -1,0 +1,143 @@
+"""The command `guidance`. Exit status: 0 done, 1 it did not work out, 2 wrong usage or configuration."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from guidance import __version__
+
+app = typer.Typer(
+    help="Guidance of forward-driven vehicles on SE(3) over MAVLink.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_SET_HELP = "Override a configuration key, such as law.k=0.5 (repeatable)."
+Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=_SET_HELP)]
+
+
+def _refuse(text: object) -> typer.Exit:
+    Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance: {text}", markup=False)
+    return typer.Exit(2)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"guidance {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Guidance of forward-driven vehicles on SE(3) over MAVLink."""
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Option("--config", "-c", metavar="FILE", help="The TOML configuration.")],
+    overrides: Overrides = None,
+) -> None:
+    """Run the service until SIGTERM or Ctrl-C; SIGUSR1 commands it to engage."""
+    from guidance.config import ConfigError, load
+    from guidance.service import serve
+
+    try:
+        serve(load(config, overrides or ()))
+    except (ConfigError, ValueError) as error:
+        raise _refuse(error) from None
+
+
+@app.command()
+def demo(
+    seconds: Annotated[
+        float, typer.Option(min=1.0, max=86400.0, help="How long to track the trajectory, s.")
+    ] = 30.0,
+    trajectory: Annotated[
+        str | None, typer.Option(metavar="NAME", help="helix, circle, line, zigzag or lemniscate.")
+    ] = None,
+    overrides: Overrides = None,
+    as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON on stdout.")] = False,
+) -> None:
+    """Fly the built-in vehicle along the paper's helix and say how well it tracked.
+
+    Exit status 0 only if it did: below 0.1 m for good.
+    """
+    from guidance import demo as flight
+    from guidance.config import ConfigError
+
+    named = [] if trajectory is None else [f"trajectory.name={trajectory}"]
+    try:
+        result = flight.fly(seconds, [*named, *(overrides or ())])
+    except ConfigError as error:
+        raise _refuse(error) from None
+    except flight.DemoError as error:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance demo: {error}", markup=False)
+        if as_json:
+            typer.echo(json.dumps({"error": str(error)}))
+        raise typer.Exit(1) from None
+    flight.show(result)
+    if as_json:
+        typer.echo(json.dumps(result.as_json()))
+    raise typer.Exit(0 if result.tracked else 1)
+
+
+@app.command()
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log that the service wrote.")],
+    as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON on stdout.")] = False,
+) -> None:
+    """Feed a log's inputs to the core again and compare everything that comes out, to the bit.
+
+    Exit status 0 only if all of it is identical and the flight did track.
+    """
+    from guidance import replay as again
+    from guidance.telemetry.log import NotALog
+
+    try:
+        found = again.replay(log)
+    except (NotALog, again.ReplayError) as error:
+        raise _refuse(error) from None
+    console = Console(stderr=as_json, soft_wrap=True, highlight=False)
+    console.print(
+        f"{found.flight_s:.1f} s of log, {found.inputs} inputs; compared {found.compared} records, "
+        f"{found.setpoints} setpoints, {found.tracked} of them tracking"
+    )
+    if found.stopped:
+        console.print(f"stopped early: {found.stopped}", markup=False)
+    if found.difference is not None:
+        console.print(f"first difference {found.difference}", markup=False)
+    elif found.tracked == 0:
+        console.print("nothing was tracked in this log, so nothing of the law was compared")
+    elif found.identical:
+        console.print("identical")
+    if as_json:
+        typer.echo(
+            json.dumps(
+                {
+                    "identical": found.identical,
+                    "inputs": found.inputs,
+                    "compared": found.compared,
+                    "setpoints": found.setpoints,
+                    "tracked": found.tracked,
+                    "flight_s": found.flight_s,
+                    "difference": None if found.difference is None else str(found.difference),
+                    "stopped": found.stopped,
+                }
+            )
+        )
+    raise typer.Exit(0 if found.identical else 1)
+
+
+def main() -> None:
+    """Entry point."""
+    app()

@@ -1,0 +1,353 @@
+"""The guide: inputs and `now` in, packets and records out.
+
+Service, lockstep and replay drive this one object. It opens nothing, reads no clock and has no randomness,
+so that the same inputs give the same packets and records, to the bit. Every input is itself a record.
+
+Receiving only updates what is known. Decisions and setpoints are made in `tick`, which the owner calls as
+soon as `deadline()` has passed; a new attitude that is due for a setpoint moves the deadline to now. So a
+burst of old datagrams is read to its end before a single setpoint is computed from the newest.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance.config import Config
+from guidance.engagement import Change, Engagement, View
+from guidance.estimate import Estimate, Estimator
+from guidance.mavlink.link import AutopilotLink, Received
+from guidance.mavlink.messages import Attitude, AttitudeQuaternion, CommandAck, LocalPositionNed
+from guidance.mavlink.profiles import (
+    Mode,
+    command_long,
+    neutral,
+    profile_of,
+    set_attitude_target,
+    set_mode_command,
+)
+from guidance.mavlink.streams import Stream
+from guidance.readiness import first_unmet, young
+from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
+from guidance.reporting import setpoint_records, status_record
+from guidance.supervisor import SETPOINTS, Setpoints, State
+from guidance.timing import LoopTiming
+from guidance.tracker import Solution, Tracker, is_usable
+
+#: A new attitude is used when this part of the period has passed: data that is a little early is not late.
+NEARLY: Final = 0.8
+#: Without a new attitude, prediction fills in after this many periods.
+FILL_IN: Final = 1.5
+
+_WATCH_NS: Final = 50_000_000
+_REPORTS_NS: Final = {"status": 200_000_000, "link": 500_000_000, "timing": 1_000_000_000}
+_SEVERITY: Final = {
+    Level.INFO: dialect.MAV_SEVERITY_INFO,
+    Level.NOTICE: dialect.MAV_SEVERITY_NOTICE,
+    Level.WARNING: dialect.MAV_SEVERITY_WARNING,
+    Level.ERROR: dialect.MAV_SEVERITY_ERROR,
+    Level.CRITICAL: dialect.MAV_SEVERITY_CRITICAL,
+}
+_LOUD: Final = frozenset({State.HANDED_OVER, State.ABORTED, State.WITHHELD})
+_COMMANDS: Final = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
+
+
+class Guide:
+    """The whole service without its shell. Raises ConfigError for a configuration no profile fits."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.profile = profile_of(config)
+        self.link = AutopilotLink(
+            config.vehicle.system_id,
+            config.vehicle.component_id,
+            config.link.heartbeat_timeout_s,
+            self._wanted_streams(),
+        )
+        self.engagement = Engagement(config.supervisor, self.profile)
+        self.tracker = Tracker(config, self.profile)
+        self.timing = LoopTiming()
+        self.setpoints_sent = 0
+        self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it
+        self._estimator = Estimator()
+        self._next_report_ns = dict.fromkeys(_REPORTS_NS, 0)
+        self._records: list[Record] = []
+        self._packets: list[bytes] = []
+        self._input_seq = 0
+        self._period_ns = round(1e9 / config.link.rate_hz)
+        self._actuation_delay_ns = round(config.link.actuation_delay_s * 1e9)
+        self._due_ns = 0
+        self._sent_ns: int | None = None
+        self._started_ns: int | None = None
+        self._watch_ns = 0
+        self._reboots = 0
+        self._answer = ""
+        self._silent_because = ""
+
+    def _wanted_streams(self) -> list[Stream]:
+        link, profile = self.config.link, self.profile
+        streams = [
+            Stream("ATTITUDE_QUATERNION", profile.attitude_hz, alive_s=link.attitude_timeout_s),
+            Stream("LOCAL_POSITION_NED", profile.position_hz, alive_s=link.position_timeout_s),
+            Stream(
+                "ATTITUDE",
+                profile.attitude_hz,
+                alive_s=link.attitude_timeout_s,
+                instead_of="ATTITUDE_QUATERNION",
+            ),
+        ]
+        if profile.mode_hz:
+            streams.append(Stream("CURRENT_MODE", profile.mode_hz, alive_s=3.0, insist=False))
+        return streams
+
+    # Inputs ------------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Bytes came from the link."""
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.DATAGRAM, data=data))
+
+    def tick(self, now_ns: int) -> None:
+        """Time passed; call when `deadline()` is reached, calling more often is harmless."""
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.TICK))
+
+    def command(self, command: Command, now_ns: int) -> None:
+        """The operator commands."""
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.COMMAND, text=command))
+
+    def note(self, kind: InputKind, text: str, now_ns: int) -> None:
+        """The shell has something to say: the transport opened or failed, a sink has a problem."""
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=kind, text=text))
+
+    def handle(self, event: Input) -> None:
+        """The one way in; the others build its events."""
+        now_ns = event.t_ns
+        self._input_seq = event.seq + 1
+        self._records.append(event)
+        if self._started_ns is None:
+            self._started_ns = now_ns
+        match event.kind:
+            case InputKind.DATAGRAM:
+                for received in self.link.receive(event.data, now_ns):
+                    self._take(received, now_ns)
+            case InputKind.TICK:
+                self._tick(now_ns)
+            case InputKind.COMMAND:
+                self._obey(Command(event.text), now_ns)
+            case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
+                level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
+                self._event(level, event.kind, event.text, now_ns)
+        for packet in self.link.drain():
+            self._packets.append(packet)
+            self._records.append(Packet(t_ns=now_ns, input_seq=event.seq, data=packet))
+
+    # Outputs -----------------------------------------------------------------------------------------
+
+    def packets(self) -> list[bytes]:
+        """What to send, in order; empty after."""
+        packets, self._packets = self._packets, []
+        return packets
+
+    def records(self) -> list[Record]:
+        """What to publish and log, in order; empty after."""
+        taken, self._records = self._records, []
+        return taken
+
+    def deadline(self) -> int:
+        """When `tick` must be called next, ns; in the past if it is due now."""
+        due_ns = min(self._watch_ns, self.link.deadline())
+        return min(due_ns, self._due_ns) if self._streams() else due_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether a shutdown is complete."""
+        return self.engagement.state is State.FINISHED
+
+    # Receiving ---------------------------------------------------------------------------------------
+
+    def _take(self, received: Received, now_ns: int) -> None:
+        body = received.body
+        if self.link.reboots != self._reboots:
+            self._reboots = self.link.reboots
+            self._estimator.reset()
+            self._event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
+            self._watch_ns = now_ns
+        if isinstance(body, AttitudeQuaternion | Attitude | LocalPositionNed):
+            self._take_sample(received.name, body, now_ns)
+            return
+        stream = self.link.streams.get(received.name)
+        if stream is not None:
+            stream.arrived(now_ns, valid=True)
+        if isinstance(body, CommandAck) and body.command in _COMMANDS:
+            if body.result != dialect.MAV_RESULT_ACCEPTED:
+                entry = dialect.enums["MAV_RESULT"].get(body.result)
+                self._answer = str(body.result) if entry is None else entry.name.removeprefix("MAV_RESULT_")
+        else:
+            self._watch_ns = now_ns  # a heartbeat or a mode: look at once, the pilot may have switched
+
+    def _take_sample(
+        self, name: str, body: AttitudeQuaternion | Attitude | LocalPositionNed, now_ns: int
+    ) -> None:
+        if not self.link.clock.synced(now_ns):
+            refused: str | None = "before_time_sync"
+        else:
+            instant_ns = self.link.clock.to_local_ns(body.time_boot_ms * 1_000_000)
+            if isinstance(body, AttitudeQuaternion):
+                refused = self._estimator.take_quaternion(body, instant_ns, now_ns)
+            elif isinstance(body, Attitude):
+                refused = self._estimator.take_euler(body, instant_ns, now_ns)
+            else:
+                refused = self._estimator.take_position(body, instant_ns, now_ns)
+        if refused == "not_needed":
+            return
+        stream = self.link.streams.get(name)
+        if stream is not None:
+            stream.arrived(now_ns, valid=refused is None)
+        if refused is not None:
+            self.link.counters[f"{name}:{refused}"] += 1
+        elif not isinstance(body, LocalPositionNed):
+            since_ns = self._period_ns if self._sent_ns is None else now_ns - self._sent_ns
+            if since_ns >= NEARLY * self._period_ns:
+                self._due_ns = min(self._due_ns, now_ns)
+
+    def _obey(self, command: Command, now_ns: int) -> None:
+        self._watch_ns = now_ns
+        if command is Command.SHUTDOWN:
+            self.engagement.shutdown()
+            self._event(Level.NOTICE, "shutdown", "shutting down", now_ns)
+            return
+        refused = self.engagement.engage(now_ns)
+        self._event(
+            Level.NOTICE if refused is None else Level.WARNING,
+            "engage" if refused is None else "engage_refused",
+            refused or "engage commanded",
+            now_ns,
+        )
+
+    # Ticking -----------------------------------------------------------------------------------------
+
+    def _tick(self, now_ns: int) -> None:
+        self.link.tick(now_ns)
+        if now_ns >= self._watch_ns:
+            self._watch_ns = now_ns + _WATCH_NS
+            self._supervise(now_ns)
+        if self._streams() and now_ns >= self._due_ns:
+            self._setpoint(now_ns)
+        self._report(now_ns)
+
+    def _streams(self) -> bool:
+        """Whether setpoints flow in this state."""
+        state = self.engagement.state
+        if state is State.READY:
+            return self.engagement.may_offer_stream(self._view(None, 0))
+        return SETPOINTS[state] is not Setpoints.NONE
+
+    def _supervise(self, now_ns: int) -> None:
+        estimate = self._estimate(now_ns)
+        engaging = self.engagement.state not in (State.CONNECTED, State.READY)
+        blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
+        view = self._view(blocked, now_ns)
+        for change in self.engagement.update(view, now_ns):
+            self._changed(change, now_ns)
+        wanted = self.engagement.due_command(view, now_ns)
+        system, component = self.link.system, self.link.component
+        if isinstance(wanted, Mode):
+            self.link.send(set_mode_command(wanted, system, component))
+        elif wanted is not None:
+            arm = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+            self.link.send(command_long(system, component, arm, 1.0))
+
+    def _changed(self, change: Change, now_ns: int) -> None:
+        loud = change.after in _LOUD
+        level = Level.WARNING if loud else Level.NOTICE
+        self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
+        self.link.status_text(_SEVERITY[level], f"guidance: {change.after}: {change.reason}")
+        self._next_report_ns["status"] = now_ns
+        if change.after in (State.STREAMING, State.SWITCHING, State.ARMING, State.LEAVING):
+            self._answer = ""
+        if SETPOINTS[change.after] is Setpoints.NONE or SETPOINTS[change.before] is Setpoints.NONE:
+            self.timing.paused()
+            self._due_ns = now_ns
+        if change.after not in (State.TRACKING, State.LEAVING):
+            self.tracker.stop()
+
+    def _view(self, blocked: str | None, now_ns: int) -> View:
+        link = self.link
+        connected = link.connected(now_ns)
+        why = "the autopilot rebooted" if link.heartbeat is None else "the autopilot's heartbeat stopped"
+        return View(
+            connected=connected,
+            lost_because=why,
+            armed=link.armed,
+            custom_mode=link.custom_mode,
+            intended_mode=link.intended_mode,
+            blocked=blocked,
+            setpoints_sent=self.setpoints_sent,
+            silent_s=float("inf") if self._sent_ns is None else (now_ns - self._sent_ns) * 1e-9,
+            answer=self._answer,
+        )
+
+    # Setpoints ---------------------------------------------------------------------------------------
+
+    def _setpoint(self, now_ns: int) -> None:
+        """Compute and send one setpoint for its own instant, or be silent and say why."""
+        due_ns = self._due_ns
+        self._due_ns = now_ns + round(FILL_IN * self._period_ns)
+        instant_ns = now_ns + self._actuation_delay_ns
+        estimate = self._estimate(now_ns)
+        if isinstance(estimate, str):
+            self._silent(estimate, now_ns)
+            return
+        solution: Solution | None = None
+        if SETPOINTS[self.engagement.state] is Setpoints.LAW:
+            if self.tracker.start_ns is None:
+                origin = self.tracker.find_origin(estimate.pose.position, self.link.origin, self.link.home)
+                if isinstance(origin, str):
+                    self._silent(origin, now_ns)
+                    return
+                self.tracker.start(instant_ns, origin)
+            solution = self.tracker.solve(estimate)
+            if not is_usable(solution):
+                self._silent("the law gave a number that is not finite", now_ns)
+                return
+        out = (
+            neutral(self.profile, self.config.vehicle.speed_at_full_thrust_m_s)
+            if solution is None
+            else solution.outgoing
+        )
+        boot_ms = (now_ns - (self._started_ns or 0)) // 1_000_000
+        self.link.send(set_attitude_target(self.profile, out, self.link.system, self.link.component, boot_ms))
+        self.setpoints_sent += 1
+        self._sent_ns = now_ns
+        self._silent_because = ""
+        gap_s = self.timing.sent(due_ns, now_ns)
+        if gap_s is not None:
+            self._event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
+        self._records += setpoint_records(estimate, solution, out, self.setpoints_sent)
+
+    def _estimate(self, now_ns: int) -> Estimate | str:
+        """The state at the instant that a setpoint sent now acts, or why there is none to be used."""
+        estimate = self._estimator.at(now_ns + self._actuation_delay_ns)
+        return young(estimate, self.config.link)
+
+    def _report(self, now_ns: int) -> None:
+        """The records that are due by time alone."""
+        for name, period_ns in _REPORTS_NS.items():
+            if now_ns >= self._next_report_ns[name]:
+                self._next_report_ns[name] = now_ns + period_ns
+                self._records.append(self._periodic(name, now_ns))
+
+    def _periodic(self, name: str, now_ns: int) -> Record:
+        if name == "status":
+            return status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)
+        if name == "link":
+            return self.link.record(now_ns)
+        return self.timing.record(now_ns, self.dropped_records)
+
+    def _silent(self, reason: str, now_ns: int) -> None:
+        if not self._silent_because:  # once per silence, not at 50 Hz
+            self._event(Level.WARNING, "silent", f"no setpoint: {reason}", now_ns)
+        self._silent_because = reason
+
+    def _event(self, level: Level, code: str, text: str, now_ns: int) -> None:
+        self._records.append(Event(t_ns=now_ns, level=level, code=code, text=text))

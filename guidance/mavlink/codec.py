@@ -1,0 +1,137 @@
+"""Bytes to MAVLink frames and back: framing, checksums, sequence gaps; no decision about their content.
+
+The reader is written for hostile input: whatever arrives, it raises nothing, keeps at most one frame of
+bytes, and counts what it threw away. It resynchronises at the next start byte after a bad checksum instead
+of skipping the frame's claimed length, so that a damaged frame costs only itself. pymavlink's own parser is
+the oracle in the tests.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any, Final, NamedTuple
+
+from fastcrc import crc16
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance.mavlink.messages import CRC_EXTRA
+
+START_V1: Final = 0xFE
+START_V2: Final = 0xFD
+_SIGNED: Final = 0x01
+_SIGNATURE_BYTES: Final = 13
+_EXTRA: Final = {message_id: bytes([extra]) for message_id, extra in CRC_EXTRA.items()}
+
+
+class Frame(NamedTuple):
+    """One MAVLink packet with a checksum that holds (or an id that the dialect does not know)."""
+
+    message_id: int
+    system: int
+    component: int
+    sequence: int
+    payload: bytes
+    known: bool
+
+
+class FrameReader:
+    """Splits a byte stream (serial, TCP) or datagrams (UDP) into frames.
+
+    With `stream=False` a frame never spans two calls: a cut datagram cannot swallow the next one.
+    `counters` holds `garbage_bytes`, `bad_checksum`, `truncated`, `unknown_message` and `unsupported_flags`.
+    """
+
+    def __init__(self, *, stream: bool = False) -> None:
+        self.counters: Counter[str] = Counter()
+        self._stream = stream
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames completed by `data`, in order."""
+        buffer = self._rest + data if self._rest else data
+        self._rest = b""
+        frames: list[Frame] = []
+        position, end = 0, len(buffer)
+        while position < end:
+            length = self._length(buffer, position)
+            if length is None:
+                position = self._skip(buffer, position)
+            elif end - position < length:
+                if self._stream:
+                    self._rest = buffer[position:]
+                    break
+                # A start byte in garbage may claim more than there is; a whole frame may stand behind it.
+                self.counters["truncated"] += 1
+                position = self._skip(buffer, position)
+            else:
+                frame = _frame(buffer, position)
+                if frame is None:
+                    self.counters["bad_checksum"] += 1
+                    position = self._skip(buffer, position)
+                    continue
+                if not frame.known:
+                    self.counters["unknown_message"] += 1
+                frames.append(frame)
+                position += length
+        return frames
+
+    def _length(self, buffer: bytes, position: int) -> int | None:
+        """Bytes of the frame that seems to start here, None if none can; a cut header counts as too long."""
+        left = len(buffer) - position
+        if buffer[position] == START_V1:
+            return 8 + buffer[position + 1] if left > 1 else 8
+        if buffer[position] != START_V2:
+            return None
+        if left < 3:
+            return 12
+        flags = buffer[position + 2]
+        if flags & ~_SIGNED:  # by the specification, flags that are not understood discard the packet
+            self.counters["unsupported_flags"] += 1
+            return None
+        return 12 + buffer[position + 1] + (_SIGNATURE_BYTES if flags & _SIGNED else 0)
+
+    def _skip(self, buffer: bytes, position: int) -> int:
+        following = _next_start(buffer, position + 1)
+        self.counters["garbage_bytes"] += following - position
+        return following
+
+
+def _next_start(buffer: bytes, position: int) -> int:
+    v2 = buffer.find(START_V2, position)
+    v1 = buffer.find(START_V1, position, v2 if v2 >= 0 else len(buffer))
+    if v1 >= 0:
+        return v1
+    return v2 if v2 >= 0 else len(buffer)
+
+
+def _frame(buffer: bytes, position: int) -> Frame | None:
+    """The frame at `position` if its checksum holds; an unknown id cannot be checked and comes marked."""
+    if buffer[position] == START_V2:
+        header = 10
+        sequence, system, component = buffer[position + 4 : position + 7]
+        message_id = int.from_bytes(buffer[position + 7 : position + 10], "little")
+    else:
+        header = 6
+        sequence, system, component, message_id = buffer[position + 2 : position + 6]
+    body_end = position + header + buffer[position + 1]
+    payload = buffer[position + header : body_end]
+    extra = _EXTRA.get(message_id)
+    if extra is None:
+        return Frame(message_id, system, component, sequence, payload, known=False)
+    checksum = crc16.mcrf4xx(buffer[position + 1 : body_end] + extra)
+    if checksum != buffer[body_end] | buffer[body_end + 1] << 8:
+        return None
+    return Frame(message_id, system, component, sequence, payload, known=True)
+
+
+class PacketWriter:
+    """Packs pymavlink's messages with this component's ids and a running sequence number."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    def pack(self, message: Any) -> bytes:
+        """The wire bytes of one of pymavlink's message objects (MAVLink 2, unsigned)."""
+        packet = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return packet

@@ -1,0 +1,327 @@
+"""The link to one autopilot: who it is, what it says of itself, its clock, and what was lost on the way.
+
+Only the autopilot component of the configured system is believed. Every other frame, and every frame that
+is damaged, repeated or late, is counted under a name and otherwise ignored.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance import records
+from guidance.mavlink.clock import ClockFilter
+from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
+from guidance.mavlink.messages import (
+    DECODERS,
+    MESSAGE_IDS,
+    Attitude,
+    AttitudeQuaternion,
+    AutopilotVersion,
+    Body,
+    CommandAck,
+    CurrentMode,
+    GpsGlobalOrigin,
+    Heartbeat,
+    HomePosition,
+    LocalPositionNed,
+    Timesync,
+)
+from guidance.mavlink.profiles import command_long
+from guidance.mavlink.streams import Stream, Streams
+
+#: This component, as other MAVLink nodes see it.
+COMPONENT_ID: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
+
+_HEARTBEAT_PERIOD_NS: Final = 1_000_000_000
+_TIMESYNC_PERIOD_NS: Final = 100_000_000
+_REQUEST_PERIOD_NS: Final = 1_000_000_000
+_STREAM_PERIOD_NS: Final = 100_000_000
+_QUESTIONS_KEPT: Final = 16
+#: After this long without a frame a sequence number says nothing about order.
+_SEQUENCE_MEMORY_NS: Final = 200_000_000
+_LATE_MAX: Final = 8
+#: `time_boot_ms` this far back, in several messages running, is a reboot and not a late message.
+_REBOOT_BACK_MS: Final = 1000
+_REBOOT_AFTER: Final = 3
+
+_ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+class Received(NamedTuple):
+    """A message of the autopilot, and the name of its stream."""
+
+    name: str
+    body: Body
+
+
+class AutopilotLink:
+    """Bookkeeping for one peer. Bytes in by `receive`, packets out by `drain`; time is an argument."""
+
+    def __init__(
+        self,
+        system: int,
+        component: int,
+        heartbeat_timeout_s: float,
+        streams: Iterable[Stream],
+        *,
+        byte_stream: bool = False,
+    ) -> None:
+        self.system = system
+        self.component = component
+        self.clock = ClockFilter()
+        self.streams = Streams(streams)
+        self.reader = FrameReader(stream=byte_stream)
+        self.counters: Counter[str] = Counter()
+        self.received = 0
+        self.lost = 0
+        self.reboots = 0
+        self.heartbeat: Heartbeat | None = None
+        self.custom_mode: int | None = None  # from the newest of HEARTBEAT and CURRENT_MODE
+        self.intended_mode: int | None = None
+        self.version: AutopilotVersion | None = None
+        self.origin: GpsGlobalOrigin | None = None
+        self.home: HomePosition | None = None
+        self._writer = PacketWriter(system, COMPONENT_ID)
+        self._outbox: list[bytes] = []
+        self._heartbeat_timeout_ns = round(heartbeat_timeout_s * 1e9)
+        self._heartbeat_ns = 0
+        self._sequence: int | None = None
+        self._sequence_ns = 0
+        self._late_run = 0
+        self._newest_boot_ms: int | None = None
+        self._back_run = 0
+        self._questions: list[int] = []
+        self._next_heartbeat_ns = 0
+        self._next_timesync_ns = 0
+        self._next_request_ns = 0
+        self._next_stream_ns = 0
+
+    # What is known -----------------------------------------------------------------------------------
+
+    def connected(self, now_ns: int) -> bool:
+        """Whether the autopilot's heartbeat is younger than its time-out."""
+        return self.heartbeat is not None and now_ns - self._heartbeat_ns <= self._heartbeat_timeout_ns
+
+    @property
+    def armed(self) -> bool | None:
+        """None until the autopilot has said so."""
+        return None if self.heartbeat is None else bool(self.heartbeat.base_mode & _ARMED)
+
+    @property
+    def vehicle_time_ms(self) -> int | None:
+        """The newest `time_boot_ms`."""
+        return self._newest_boot_ms
+
+    # Bytes in ----------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_ns: int) -> list[Received]:
+        """The autopilot's messages in `data` that may be believed, in order."""
+        accepted: list[Received] = []
+        for frame in self.reader.feed(data):
+            if not frame.known or not self._is_autopilot(frame) or not self._in_order(frame, now_ns):
+                continue
+            self.received += 1
+            decode = DECODERS.get(frame.message_id)
+            if decode is None:
+                continue
+            body = decode(frame.payload)
+            if self._note(body, now_ns):
+                accepted.append(Received(_NAMES[frame.message_id], body))
+        return accepted
+
+    def _is_autopilot(self, frame: Frame) -> bool:
+        if frame.system != self.system:
+            self.counters["other_system"] += 1
+        elif frame.component != self.component:
+            self.counters["other_component"] += 1
+        else:
+            return True
+        return False
+
+    def _in_order(self, frame: Frame, now_ns: int) -> bool:
+        """Count losses by sequence number; refuse what was seen before or is overtaken."""
+        if self._sequence is not None and now_ns - self._sequence_ns <= _SEQUENCE_MEMORY_NS:
+            ahead = (frame.sequence - self._sequence) % 256
+            if ahead == 0 or ahead > 128:
+                self._late_run += 1
+                if self._late_run < _LATE_MAX:  # a run of them is a restarted counter, not a late packet
+                    self.counters["duplicate" if ahead == 0 else "out_of_order"] += 1
+                    return False
+            else:
+                self.lost += ahead - 1
+        self._late_run = 0
+        self._sequence = frame.sequence
+        self._sequence_ns = now_ns
+        return True
+
+    def _note(self, body: Body, now_ns: int) -> bool:
+        """Keep what the link itself needs; False for a message that must not be passed on."""
+        if isinstance(body, AttitudeQuaternion | LocalPositionNed | Attitude):
+            return self._boot_time(body.time_boot_ms)
+        if isinstance(body, Heartbeat):
+            if body.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+                self.counters["not_an_autopilot"] += 1
+                return False
+            self.heartbeat = body
+            self._heartbeat_ns = now_ns
+            self.custom_mode = body.custom_mode
+        elif isinstance(body, CurrentMode):
+            self.custom_mode = body.custom_mode
+            self.intended_mode = body.intended_custom_mode
+        elif isinstance(body, Timesync):
+            self._timesync(body, now_ns)
+        elif isinstance(body, AutopilotVersion):
+            self.version = body
+        elif isinstance(body, GpsGlobalOrigin):
+            self.origin = body
+        elif isinstance(body, HomePosition):
+            self.home = body
+        elif isinstance(body, CommandAck) and body.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            self.streams.acknowledged(accepted=body.result == dialect.MAV_RESULT_ACCEPTED)
+            self._next_stream_ns = now_ns
+        return True
+
+    def _boot_time(self, boot_ms: int) -> bool:
+        if self._newest_boot_ms is not None and boot_ms < self._newest_boot_ms - _REBOOT_BACK_MS:
+            self._back_run += 1
+            if self._back_run < _REBOOT_AFTER:
+                self.counters["time_backwards"] += 1
+                return False
+            self._rebooted()
+        self._back_run = 0
+        self._newest_boot_ms = max(boot_ms, self._newest_boot_ms or 0)
+        return True
+
+    def _rebooted(self) -> None:
+        """The autopilot's clock started again: nothing that it said before holds any more."""
+        self.reboots += 1
+        self.clock.reset()
+        self._questions.clear()
+        self._newest_boot_ms = None
+        self.heartbeat = None
+        self.custom_mode = None
+        self.intended_mode = None
+        self.origin = None
+        self.home = None
+        self.version = None
+        self._next_request_ns = 0
+        self.streams.reset()
+
+    def _timesync(self, body: Timesync, now_ns: int) -> None:
+        if body.tc1 == 0:
+            self.send(dialect.MAVLink_timesync_message(now_ns, body.ts1))
+        elif body.ts1 in self._questions:
+            self._questions.remove(body.ts1)
+            if not self.clock.update(body.ts1, body.tc1, now_ns):
+                self.counters["timesync_rejected"] += 1
+        else:
+            self.counters["timesync_not_asked"] += 1
+
+    # Packets out -------------------------------------------------------------------------------------
+
+    def drain(self) -> list[bytes]:
+        """The packets to hand to the transport, in order; the outbox is empty after."""
+        packets, self._outbox = self._outbox, []
+        return packets
+
+    def send(self, message: Any) -> None:
+        """Queue one of pymavlink's messages."""
+        self._outbox.append(self._writer.pack(message))
+
+    def status_text(self, severity: int, text: str) -> None:
+        """Queue STATUSTEXT (253), cut to its 50 bytes."""
+        self.send(dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))
+
+    def deadline(self) -> int:
+        """When `tick` has something to do again, ns."""
+        if self.heartbeat is None:
+            return self._next_heartbeat_ns
+        return min(
+            self._next_heartbeat_ns, self._next_timesync_ns, self._next_request_ns, self._next_stream_ns
+        )
+
+    def tick(self, now_ns: int) -> None:
+        """Queue what is due: our heartbeat, a TIMESYNC question, requests that were not answered."""
+        if now_ns >= self._next_heartbeat_ns:
+            self._next_heartbeat_ns = now_ns + _HEARTBEAT_PERIOD_NS
+            self.send(
+                dialect.MAVLink_heartbeat_message(
+                    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+                    dialect.MAV_AUTOPILOT_INVALID,
+                    0,
+                    0,
+                    dialect.MAV_STATE_ACTIVE,
+                    3,
+                )
+            )
+        if self.heartbeat is None:
+            return
+        if now_ns >= self._next_timesync_ns:
+            self._next_timesync_ns = now_ns + _TIMESYNC_PERIOD_NS
+            self._questions = [*self._questions[1 - _QUESTIONS_KEPT :], now_ns]
+            self.send(dialect.MAVLink_timesync_message(0, now_ns))
+        if now_ns >= self._next_stream_ns:
+            self._next_stream_ns = now_ns + _STREAM_PERIOD_NS
+            request = self.streams.request(now_ns)
+            if request is not None:
+                message, rate_hz = request
+                self._command(
+                    dialect.MAV_CMD_SET_MESSAGE_INTERVAL, MESSAGE_IDS[message], round(1e6 / rate_hz)
+                )
+        if now_ns >= self._next_request_ns:
+            self._next_request_ns = now_ns + _REQUEST_PERIOD_NS
+            for name, known in self._one_shot():
+                if not known:
+                    self._command(dialect.MAV_CMD_REQUEST_MESSAGE, MESSAGE_IDS[name])
+
+    def _one_shot(self) -> tuple[tuple[str, bool], ...]:
+        """What must be asked for until it comes, so that origin and version are known."""
+        return (
+            ("AUTOPILOT_VERSION", self.version is not None),
+            ("GPS_GLOBAL_ORIGIN", self.origin is not None),
+            ("HOME_POSITION", self.home is not None),
+        )
+
+    def _command(self, command: int, *params: float) -> None:
+        self.send(command_long(self.system, self.component, command, *params))
+
+    # Telemetry ---------------------------------------------------------------------------------------
+
+    def record(self, now_ns: int) -> records.Link:
+        """The link as a record."""
+        beat = self.heartbeat
+        version = self.version
+        known = self.clock.accepted > 0
+        return records.Link(
+            t_ns=now_ns,
+            connected=self.connected(now_ns),
+            heartbeat_age_s=None if beat is None else (now_ns - self._heartbeat_ns) * 1e-9,
+            autopilot="" if beat is None else _enum_name("MAV_AUTOPILOT", beat.autopilot),
+            vehicle_type="" if beat is None else _enum_name("MAV_TYPE", beat.type),
+            autopilot_version="" if version is None else _version(version.flight_sw_version),
+            autopilot_uid="" if version is None else f"{version.uid:016x}",
+            received=self.received,
+            lost=self.lost,
+            reboots=self.reboots,
+            round_trip_s=self.clock.round_trip_s,
+            clock_offset_ns=self.clock.offset_ns(now_ns) if known else None,
+            clock_drift_ppm=self.clock.drift_ppm if known else None,
+            streams=self.streams.status(now_ns),
+            counters={**self.reader.counters, **self.counters},
+        )
+
+
+_NAMES: Final = {message_id: name for name, message_id in MESSAGE_IDS.items()}
+
+
+def _enum_name(enum: str, value: int) -> str:
+    entry = dialect.enums[enum].get(value)
+    return str(value) if entry is None else str(entry.name)
+
+
+def _version(packed: int) -> str:
+    return f"{packed >> 24 & 255}.{packed >> 16 & 255}.{packed >> 8 & 255}"

@@ -1,0 +1,184 @@
+"""The message streams that the service needs: asked for, watched, and asked for again.
+
+Other programs on the vehicle reset message rates (ArduPilot/ardupilot#17046) and autopilots refuse rates
+above what their loop can do (ArduRover at its default answers 50 Hz with DENIED and takes 40 Hz), so a
+request is repeated while the rate is not met and lowered when it is denied.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Final
+
+from guidance.records import StreamStatus
+
+#: Of the wanted rate: less than this is "not at rate" (so 30 % of loss is still at rate).
+AT_RATE: Final = 0.5
+#: Of the wanted rate: less than this, and the autopilot is asked again.
+SATISFIED: Final = 0.8
+#: A denied rate is lowered to this part of itself, and never below the slowest useful one.
+LOWERED: Final = 0.8
+SLOWEST_HZ: Final = 5.0
+
+_WINDOW_NS: Final = 1_000_000_000
+_ALIVE_NS: Final = 500_000_000
+_ASK_AGAIN_NS: Final = 2_000_000_000
+_ANSWER_NS: Final = 300_000_000
+_PATIENCE_NS: Final = 1_000_000_000
+
+
+class Stream:
+    """One message at a wanted rate: when it came, whether it was usable, when it was last asked for."""
+
+    def __init__(
+        self,
+        message: str,
+        wanted_hz: float,
+        *,
+        alive_s: float | None = None,
+        instead_of: str | None = None,
+        insist: bool = True,
+    ) -> None:
+        self.message = message
+        self._insist = insist  # False: any rate will do, as long as it comes
+        self.instead_of = instead_of  # asked for only if that stream does not come
+        self.wanted_hz = wanted_hz
+        self.rejected = 0
+        self._alive_ns = _ALIVE_NS if alive_s is None else round(alive_s * 1e9)
+        self._asked_hz = wanted_hz
+        self._asked_ns: int | None = None
+        self._refused = False
+        self._arrivals_ns: deque[int] = deque()
+        self._last_ns: int | None = None
+        self._last_valid = False
+
+    def reset(self) -> None:
+        """The autopilot rebooted or is a new one: its rates are back at its defaults."""
+        self._asked_hz = self.wanted_hz
+        self._asked_ns = None
+        self._refused = False
+        self._arrivals_ns.clear()
+        self._last_ns = None
+        self._last_valid = False
+
+    def arrived(self, now_ns: int, *, valid: bool) -> None:
+        """A message came; `valid` says whether its content could be used."""
+        self._arrivals_ns.append(now_ns)
+        self._last_ns = now_ns
+        self._last_valid = valid
+        if not valid:
+            self.rejected += 1
+        self._forget(now_ns)
+
+    def alive(self, now_ns: int) -> bool:
+        """Whether the newest message is young."""
+        return self._last_ns is not None and now_ns - self._last_ns <= self._alive_ns
+
+    def absent(self, now_ns: int) -> bool:
+        """Whether it was asked for and did not come."""
+        waited = self._asked_ns is not None and now_ns - self._asked_ns >= _PATIENCE_NS
+        return not self.alive(now_ns) and (waited or self._refused)
+
+    def rate_hz(self, now_ns: int) -> float:
+        """Messages a second over the last second (or since the first one)."""
+        self._forget(now_ns)
+        count = len(self._arrivals_ns)
+        if count < 2:
+            return 0.0
+        # An interval that has just begun counts once it is longer than the mean of the others.
+        span_ns = self._arrivals_ns[-1] - self._arrivals_ns[0]
+        open_ns = now_ns - self._arrivals_ns[-1]
+        if span_ns <= 0:
+            return 0.0
+        if open_ns * (count - 1) > span_ns:
+            return count * 1e9 / (span_ns + open_ns)
+        return (count - 1) * 1e9 / span_ns
+
+    def status(self, now_ns: int) -> StreamStatus:
+        """Alive, at rate, valid: the three verdicts, apart."""
+        rate_hz = self.rate_hz(now_ns)
+        age_ns = None if self._last_ns is None else now_ns - self._last_ns
+        alive = self.alive(now_ns)
+        return StreamStatus(
+            message=self.message,
+            wanted_hz=self.wanted_hz,
+            rate_hz=round(rate_hz, 3),
+            age_s=None if age_ns is None else age_ns * 1e-9,
+            alive=alive,
+            at_rate=alive and rate_hz >= AT_RATE * self.wanted_hz,
+            valid=alive and self._last_valid,
+            rejected=self.rejected,
+        )
+
+    def denied(self) -> None:
+        """The autopilot refused the rate: ask for a lower one next, and not at all below the slowest."""
+        if self._asked_hz <= SLOWEST_HZ:
+            self._refused = True
+        self._asked_hz = max(self._asked_hz * LOWERED, SLOWEST_HZ)
+        self._asked_ns = None
+
+    def due(self, now_ns: int) -> bool:
+        """Whether the autopilot should be asked (again) for this stream now."""
+        if self._refused:
+            return False
+        if self._asked_ns is None:
+            return True
+        enough = self.rate_hz(now_ns) >= SATISFIED * self._asked_hz if self._insist else self.alive(now_ns)
+        return now_ns - self._asked_ns >= _ASK_AGAIN_NS and not enough
+
+    def ask(self, now_ns: int) -> float:
+        """Note that the request goes out now; the rate in Hz to ask for."""
+        self._asked_ns = now_ns
+        return self._asked_hz
+
+    def _forget(self, now_ns: int) -> None:
+        while self._arrivals_ns and now_ns - self._arrivals_ns[0] > _WINDOW_NS:
+            self._arrivals_ns.popleft()
+
+
+class Streams:
+    """All wanted streams of one autopilot. Requests go one by one: COMMAND_ACK does not name the message."""
+
+    def __init__(self, wanted: Iterable[Stream]) -> None:
+        self._by_message = {stream.message: stream for stream in wanted}
+        self._asking: Stream | None = None
+        self._asking_ns = 0
+
+    def __getitem__(self, message: str) -> Stream:
+        return self._by_message[message]
+
+    def get(self, message: str) -> Stream | None:
+        """The stream of that message, None if it is not wanted."""
+        return self._by_message.get(message)
+
+    def reset(self) -> None:
+        """Start over with a rebooted autopilot."""
+        self._asking = None
+        for stream in self._by_message.values():
+            stream.reset()
+
+    def request(self, now_ns: int) -> tuple[str, float] | None:
+        """The message and rate (Hz) to ask for now; None if nothing is due or an answer is awaited."""
+        if self._asking is not None and now_ns - self._asking_ns < _ANSWER_NS:
+            return None
+        self._asking = next((s for s in self._by_message.values() if self._wanted(s, now_ns)), None)
+        if self._asking is None:
+            return None
+        self._asking_ns = now_ns
+        return self._asking.message, self._asking.ask(now_ns)
+
+    def _wanted(self, stream: Stream, now_ns: int) -> bool:
+        if stream.instead_of is not None and not self._by_message[stream.instead_of].absent(now_ns):
+            return False
+        return stream.due(now_ns)
+
+    def acknowledged(self, *, accepted: bool) -> None:
+        """COMMAND_ACK of SET_MESSAGE_INTERVAL came."""
+        if self._asking is not None and not accepted:
+            self._asking.denied()
+        self._asking = None
+
+    def status(self, now_ns: int) -> tuple[StreamStatus, ...]:
+        """The verdicts of all."""
+        return tuple(stream.status(now_ns) for stream in self._by_message.values())

@@ -1,0 +1,79 @@
+"""What must hold before the service may fly, in the order in which an operator would look for it."""
+
+from __future__ import annotations
+
+from guidance.config import Config, Link
+from guidance.estimate import Estimate
+from guidance.mavlink.link import AutopilotLink
+from guidance.mavlink.profiles import Profile
+from guidance.records import StreamStatus
+from guidance.tracker import Tracker
+
+
+def young(estimate: Estimate | None, config: Link) -> Estimate | str:
+    """The estimate if attitude and position are younger than their time-outs, else why it must not be used.
+
+    The ages count to the instant that the setpoint acts, so that the delay of the actuators, which is
+    predicted as well, is taken off.
+    """
+    if estimate is None:
+        return "no attitude or no position yet"
+    attitude_age_s = estimate.attitude_age_s - config.actuation_delay_s
+    position_age_s = estimate.position_age_s - config.actuation_delay_s
+    if attitude_age_s > config.attitude_timeout_s:
+        return f"the attitude is {attitude_age_s:.2f} s old"
+    if position_age_s > config.position_timeout_s:
+        return f"the position is {position_age_s:.2f} s old"
+    return estimate
+
+
+def first_unmet(
+    config: Config,
+    profile: Profile,
+    link: AutopilotLink,
+    tracker: Tracker,
+    estimate: Estimate | str,
+    now_ns: int,
+    engaging: bool,
+) -> str | None:
+    """The first condition that is not met, in words that say what to do; None if the service may fly.
+
+    Once `engaging`, a stream below its rate or a refused sample blocks nothing as long as the state is young.
+    """
+    beat = link.heartbeat
+    if beat is None:
+        return "no heartbeat of the autopilot yet"
+    if beat.autopilot != profile.autopilot or beat.type not in profile.vehicle_types:
+        return (
+            f"the vehicle is not what profile {profile.name} is for "
+            f"(HEARTBEAT: autopilot {beat.autopilot}, type {beat.type}): set vehicle.profile"
+        )
+    if not link.clock.synced(now_ns):
+        return "the autopilot's clock is not known: waiting for its TIMESYNC answers"
+    if not engaging:
+        for alternatives in (("ATTITUDE_QUATERNION", "ATTITUDE"), ("LOCAL_POSITION_NED",)):
+            verdicts = [_unusable(link.streams[message].status(now_ns)) for message in alternatives]
+            if None not in verdicts:
+                return verdicts[0]
+    if isinstance(estimate, str):
+        return estimate
+    position = estimate.pose.position
+    origin = tracker.find_origin(position, link.origin, link.home)
+    if isinstance(origin, str):
+        return origin
+    if tracker.start_ns is None:
+        error_m = tracker.start_error_m(position, origin)
+        limit_m = config.supervisor.engage_max_error_m
+        if error_m > limit_m:
+            return f"{error_m:.1f} m from the start, engage_max_error_m is {limit_m:g}: go closer"
+    return None
+
+
+def _unusable(status: StreamStatus) -> str | None:
+    if not status.alive:
+        return f"no {status.message}: is the estimator ready?"
+    if not status.at_rate:
+        return f"{status.message} comes at {status.rate_hz:.0f} of {status.wanted_hz:.0f} Hz"
+    if not status.valid:
+        return f"{status.message} is not usable; the link's counters say why"
+    return None

@@ -1,0 +1,241 @@
+"""What travels between the layers and out: inputs of the core, and the records it emits.
+
+Every record is immutable, carries `t_ns`, the companion's monotonic clock in ns at the instant that it
+holds for, and is published unchanged as JSON: to zenoh under `guidance/<vehicle>/<topic>` and to the MCAP
+log under `/<topic>`. World frame NED, body frame FRD. `SCHEMA_VERSION` is raised whenever a field changes
+its meaning or leaves; a reader of version N may meet new fields, never other ones.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+import msgspec
+
+SCHEMA_VERSION: Final = 1
+
+Triple = tuple[float, float, float]
+Wxyz = tuple[float, float, float, float]
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True, gc=False):
+    """A record holds for one instant of the companion's monotonic clock, `t_ns`."""
+
+    t_ns: int
+
+
+class InputKind(StrEnum):
+    """What can enter the core; nothing else can change what it does."""
+
+    DATAGRAM = "datagram"
+    TICK = "tick"
+    COMMAND = "command"
+    LINK_UP = "link_up"
+    LINK_DOWN = "link_down"
+    NOTE = "note"
+
+
+class Command(StrEnum):
+    """What an operator can ask for."""
+
+    ENGAGE = "engage"
+    SHUTDOWN = "shutdown"
+
+
+class Input(Record, frozen=True, kw_only=True, gc=False):
+    """One event that entered the core, in order; `seq` counts them without gaps, so that a loss shows."""
+
+    seq: int
+    kind: InputKind
+    data: bytes = b""
+    text: str = ""
+
+
+class Packet(Record, frozen=True, kw_only=True, gc=False):
+    """One MAVLink packet handed to the link, and the input after which it was."""
+
+    input_seq: int
+    data: bytes
+
+
+class Session(Record, frozen=True, kw_only=True):
+    """The first record of a run: who wrote it, and all that a replay needs beside the inputs.
+
+    `unix_offset_ns` added to any `t_ns` of this run gives Unix time. `config_json` is the effective
+    configuration.
+    """
+
+    schema_version: int
+    session_id: str
+    guidance_version: str
+    vehicle: str
+    profile: str
+    unix_offset_ns: int
+    config_json: str
+
+
+class State(Record, frozen=True, kw_only=True, gc=False):
+    """The vehicle at `t_ns`, predicted from the newest attitude and position by `predicted_s`."""
+
+    position_ned_m: Triple
+    velocity_ned_m_s: Triple
+    attitude_wxyz: Wxyz
+    body_rates_frd_rad_s: Triple
+    attitude_age_s: float
+    position_age_s: float
+    predicted_s: float
+    attitude_source: str
+    position_source: str
+    vehicle_time_ms: int
+
+
+class Reference(Record, frozen=True, kw_only=True, gc=False):
+    """The trajectory at `t_ns`, `trajectory_s` after its start: r, r' and r'' of the paper."""
+
+    trajectory_s: float
+    position_ned_m: Triple
+    velocity_ned_m_s: Triple
+    acceleration_ned_m_s2: Triple
+
+
+class Setpoint(Record, frozen=True, kw_only=True, gc=False):
+    """What was sent, and what the law asked for before limits; `t_ns` is the instant it is meant to act.
+
+    `demanded_*` are (11) and (14) before, `body_rates_frd_rad_s` and `speed_m_s` after all limits.
+    `neutral` marks a setpoint that asks for nothing (proof of life before tracking).
+    """
+
+    seq: int
+    neutral: bool
+    body_rates_frd_rad_s: Triple
+    speed_m_s: float
+    demanded_body_rates_frd_rad_s: Triple
+    demanded_speed_m_s: float
+    thrust: float
+    saturated: bool
+    singular: bool
+
+
+class TrackingError(Record, frozen=True, kw_only=True, gc=False):
+    """e = x - r at `t_ns`, the Lyapunov functions V1 and V2, and the field in body axes (y4, y5, y6)."""
+
+    error_ned_m: Triple
+    norm_m: float
+    v1: float
+    v2: float
+    field_body: Triple
+
+
+class Status(Record, frozen=True, kw_only=True):
+    """The supervisor: its state, since when, why, and what it knows of the vehicle's mode.
+
+    `trajectory_start_ns` is the instant of t = 0 and `origin_ned_m` the trajectory's origin in the
+    vehicle's local frame; both are set at the first tracking tick.
+    """
+
+    state: str
+    reason: str
+    since_ns: int
+    armed: bool | None
+    mode: str
+    intended_mode: str
+    trajectory_start_ns: int | None
+    origin_ned_m: Triple | None
+    setpoints_sent: int
+
+
+class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One message stream: is it alive, does it keep its rate, and are its values usable?"""
+
+    message: str
+    wanted_hz: float
+    rate_hz: float
+    age_s: float | None
+    alive: bool
+    at_rate: bool
+    valid: bool
+    rejected: int
+
+
+class Link(Record, frozen=True, kw_only=True):
+    """The link to the autopilot: who is heard, what is lost or refused, and the clock between the two.
+
+    `counters` names every kind of input that was not used (bad checksums, garbage bytes, other systems,
+    non-finite values, duplicates, ...) with its count since the start.
+    """
+
+    connected: bool
+    heartbeat_age_s: float | None
+    autopilot: str
+    vehicle_type: str
+    autopilot_version: str
+    autopilot_uid: str
+    received: int
+    lost: int
+    reboots: int
+    round_trip_s: float | None
+    clock_offset_ns: int | None
+    clock_drift_ppm: float | None
+    streams: tuple[StreamStatus, ...]
+    counters: dict[str, int]
+
+
+class Timing(Record, frozen=True, kw_only=True):
+    """Lateness of the control loop: from the instant that a setpoint became due to the tick that sent it.
+
+    `lateness_counts[i]` counts ticks later than `lateness_edges_s[i - 1]` and at most `lateness_edges_s[i]`;
+    the last count has no upper edge. All figures are since the start of the run.
+    """
+
+    ticks: int
+    lateness_edges_s: tuple[float, ...]
+    lateness_counts: tuple[int, ...]
+    lateness_max_s: float
+    setpoint_gap_max_s: float
+    setpoint_rate_hz: float
+    dropped_records: int
+
+
+class Level(StrEnum):
+    """How much an event matters, in the words of MAV_SEVERITY."""
+
+    INFO = "info"
+    NOTICE = "notice"
+    WARNING = "warning"
+    ERROR = "error"
+    CRITICAL = "critical"
+
+
+class Event(Record, frozen=True, kw_only=True):
+    """Something happened that an operator or a log reader should know; `code` is for machines."""
+
+    level: Level
+    code: str
+    text: str
+
+
+class Lost(Record, frozen=True, kw_only=True):
+    """The recorder had to drop `count` records since the last mark, because the disk did not keep up."""
+
+    count: int
+
+
+#: Topic of each record; the key expression is `guidance/<vehicle>/<topic>`, the MCAP topic `/<topic>`.
+TOPICS: Final[dict[type[Record], str]] = {
+    Session: "session",
+    Input: "input",
+    Packet: "packet",
+    State: "state",
+    Reference: "reference",
+    Setpoint: "setpoint",
+    TrackingError: "error",
+    Status: "status",
+    Link: "link",
+    Timing: "timing",
+    Event: "event",
+    Lost: "lost",
+}
+
+#: Topics that only the log gets: the raw traffic, and the marks of the recorder itself.
+LOG_ONLY: Final = frozenset({"input", "packet", "lost"})

@@ -1,0 +1,144 @@
+"""A log's inputs through the core again: the same packets and records must come out, to the bit.
+
+The log says what entered (topic `input`), under which configuration (`session`) and what came out. Replay
+feeds the inputs to a fresh core and compares all that it emits with the log, byte by byte of the JSON that
+both are published as.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from guidance import config
+from guidance.core import Guide
+from guidance.records import TOPICS, Input, Lost, Session, Timing
+from guidance.telemetry.log import LogDamaged, read_log
+
+#: Written by the shell or the recorder, or counting what these did; the core decides nothing by them.
+_NOT_COMPARED = frozenset({TOPICS[Session], TOPICS[Input], TOPICS[Lost], TOPICS[Timing]})
+
+
+class ReplayError(Exception):
+    """The log cannot be replayed; the text says why."""
+
+
+class Difference(NamedTuple):
+    """The first thing that came out otherwise: when (s after the first input), topic, field, both values."""
+
+    time_s: float
+    topic: str
+    field: str
+    logged: object
+    replayed: object
+
+    def __str__(self) -> str:
+        where = f"{self.topic}.{self.field}" if self.field else self.topic
+        return f"at {self.time_s:.6f} s {where}: logged {self.logged!r}, replayed {self.replayed!r}"
+
+
+class Replay(NamedTuple):
+    """What a replay found. `stopped` says in words why it ended before the log did, empty if it did not."""
+
+    inputs: int
+    compared: int
+    setpoints: int
+    tracked: int
+    flight_s: float
+    difference: Difference | None
+    stopped: str
+
+    @property
+    def identical(self) -> bool:
+        """Everything was compared, all of it is the same, and the flight did track."""
+        return self.difference is None and not self.stopped and self.tracked > 0
+
+
+def replay(path: Path) -> Replay:
+    """Feed the log's inputs to the core and compare; raises ReplayError, NotALog."""
+    lines = _lines(path)
+    guide = Guide(_configuration(path, lines))
+    encode = msgspec.json.Encoder().encode
+    decode_input = msgspec.json.Decoder(Input).decode
+    pending: list[tuple[str, bytes]] = []
+    inputs = compared = setpoints = tracked = 0
+    first_ns = last_ns = 0
+    difference: Difference | None = None
+    stopped = ""
+    for topic, payload in lines:
+        if topic == "":
+            stopped = payload.decode()
+        elif topic == TOPICS[Lost]:
+            stopped = "the recorder had to drop records here; what entered the core after this is not known"
+        elif topic == TOPICS[Input]:
+            if pending:
+                difference = _missing(pending[0], (last_ns - first_ns) * 1e-9, logged=False)
+                break
+            event = decode_input(payload)
+            if event.seq != inputs:
+                stopped = f"input {inputs} is missing from the log, {event.seq} follows"
+                break
+            first_ns, last_ns = (first_ns if inputs else event.t_ns), event.t_ns
+            inputs += 1
+            guide.handle(event)
+            guide.packets()
+            for record in guide.records():
+                if TOPICS[type(record)] not in _NOT_COMPARED:
+                    pending.append((TOPICS[type(record)], encode(record)))
+        elif topic not in _NOT_COMPARED:
+            time_s = (last_ns - first_ns) * 1e-9
+            if not pending:
+                difference = _missing((topic, payload), time_s, logged=True)
+                break
+            expected = pending.pop(0)
+            if expected != (topic, payload):
+                difference = _difference((topic, payload), expected, time_s)
+                break
+            compared += 1
+            setpoints += topic == "setpoint"
+            tracked += topic == "error"
+        if stopped:
+            break
+    else:
+        if pending:
+            stopped = "the log ends in the middle of an input's records"
+    return Replay(inputs, compared, setpoints, tracked, (last_ns - first_ns) * 1e-9, difference, stopped)
+
+
+def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
+    """The log's messages; a damaged end becomes a last line without a topic that says so."""
+    try:
+        yield from read_log(path)
+    except LogDamaged as error:
+        yield "", str(error).encode()
+
+
+def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Config:
+    for topic, payload in lines:
+        if topic == TOPICS[Session]:
+            try:
+                session = msgspec.json.decode(payload, type=Session)
+                return config.from_json(session.config_json)
+            except (msgspec.MsgspecError, config.ConfigError) as error:
+                raise ReplayError(f"{path}: its session record is of another version: {error}") from None
+        break
+    raise ReplayError(f"{path}: does not begin with a session record; is it a log of this service?")
+
+
+def _missing(line: tuple[str, bytes], time_s: float, *, logged: bool) -> Difference:
+    shown = line[1][:200].decode(errors="replace")
+    return Difference(time_s, line[0], "", shown if logged else None, None if logged else shown)
+
+
+def _difference(logged: tuple[str, bytes], replayed: tuple[str, bytes], time_s: float) -> Difference:
+    if logged[0] != replayed[0]:
+        return Difference(time_s, logged[0], "topic", logged[0], replayed[0])
+    theirs: dict[str, Any] = msgspec.json.decode(logged[1])
+    ours: dict[str, Any] = msgspec.json.decode(replayed[1])
+    for field in sorted(theirs.keys() | ours.keys()):
+        if theirs.get(field) != ours.get(field):
+            return Difference(time_s, logged[0], field, theirs.get(field), ours.get(field))
+    return Difference(time_s, logged[0], "", logged[1].decode(), replayed[1].decode())

@@ -1,0 +1,96 @@
+"""What the guide knows, as records."""
+
+from __future__ import annotations
+
+from guidance.engagement import Engagement
+from guidance.estimate import Estimate
+from guidance.mavlink.link import AutopilotLink
+from guidance.mavlink.profiles import Outgoing
+from guidance.records import Record, Reference, Setpoint, State, Status, TrackingError
+from guidance.se3 import norm
+from guidance.tracker import Solution, Tracker
+
+
+def status_record(
+    engagement: Engagement,
+    link: AutopilotLink,
+    tracker: Tracker,
+    setpoints_sent: int,
+    now_ns: int,
+) -> Status:
+    """The supervisor and what it knows of the vehicle's mode."""
+    profile = engagement.profile
+    return Status(
+        t_ns=now_ns,
+        state=engagement.state,
+        reason=engagement.reason,
+        since_ns=engagement.since_ns,
+        armed=link.armed,
+        mode="" if link.custom_mode is None else profile.mode_name(link.custom_mode),
+        intended_mode="" if link.intended_mode is None else profile.mode_name(link.intended_mode),
+        trajectory_start_ns=tracker.start_ns,
+        origin_ned_m=tracker.origin_ned_m,
+        setpoints_sent=setpoints_sent,
+    )
+
+
+def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoing, seq: int) -> list[Record]:
+    """The state, and what was made of it; a neutral setpoint has no reference and no error."""
+    t_ns = estimate.instant_ns
+    made: list[Record] = [
+        State(
+            t_ns=t_ns,
+            position_ned_m=estimate.pose.position,
+            velocity_ned_m_s=estimate.velocity_ned_m_s,
+            attitude_wxyz=estimate.pose.attitude,
+            body_rates_frd_rad_s=estimate.twist.angular,
+            attitude_age_s=estimate.attitude_age_s,
+            position_age_s=estimate.position_age_s,
+            predicted_s=estimate.attitude_age_s,
+            attitude_source=estimate.attitude.source,
+            position_source=estimate.position.source,
+            vehicle_time_ms=estimate.attitude.boot_ms,
+        )
+    ]
+    if solution is None:
+        demanded_rates, demanded_speed = out.body_rates_frd_rad_s, out.speed_m_s
+        saturated = singular = False
+    else:
+        reference, e = solution.reference, solution.evaluation
+        u = e.demanded
+        demanded_rates, demanded_speed = (u.u1, u.u2, u.u3), u.u4
+        saturated, singular = e.saturated, e.singular
+        made.append(
+            Reference(
+                t_ns=t_ns,
+                trajectory_s=solution.trajectory_s,
+                position_ned_m=reference.position,
+                velocity_ned_m_s=reference.velocity,
+                acceleration_ned_m_s2=reference.acceleration,
+            )
+        )
+        made.append(
+            TrackingError(
+                t_ns=t_ns,
+                error_ned_m=e.e,
+                norm_m=norm(e.e),
+                v1=e.V1,
+                v2=e.V2,
+                field_body=(e.y4, e.y5, e.y6),
+            )
+        )
+    made.append(
+        Setpoint(
+            t_ns=t_ns,
+            seq=seq,
+            neutral=solution is None,
+            body_rates_frd_rad_s=out.body_rates_frd_rad_s,
+            speed_m_s=out.speed_m_s,
+            demanded_body_rates_frd_rad_s=demanded_rates,
+            demanded_speed_m_s=demanded_speed,
+            thrust=out.thrust,
+            saturated=saturated,
+            singular=singular,
+        )
+    )
+    return made

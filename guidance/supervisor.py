@@ -1,0 +1,150 @@
+"""Who may fly: the states of the service, what can happen, and what follows, as one table.
+
+A pair that is not in `TRANSITIONS` leaves the state as it is. The core turns what it sees into events; no
+decision is taken anywhere else. Two rules shape the table: the pilot always wins, and nothing that comes
+back (a link, a reboot, a restarted process) takes control again without a fresh command or mode switch.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+
+class State(StrEnum):
+    """Where the service stands. `SETPOINTS` says what is sent in each."""
+
+    DISCONNECTED = "disconnected"
+    CONNECTED = "connected"
+    WITHHELD = "withheld"
+    READY = "ready"
+    STREAMING = "streaming"
+    SWITCHING = "switching"
+    ARMING = "arming"
+    TRACKING = "tracking"
+    LEAVING = "leaving"
+    HANDED_OVER = "handed-over"
+    ABORTED = "aborted"
+    FINISHED = "finished"
+
+
+class Event(StrEnum):
+    """What can happen."""
+
+    FOUND = "found"
+    FOUND_IN_CONTROL = "found-in-control"
+    LOST = "lost"
+    RELEASED = "released"
+    CONDITIONS_MET = "conditions-met"
+    CONDITIONS_LOST = "conditions-lost"
+    ENGAGE = "engage"
+    COMMANDED = "commanded"
+    PILOT_SWITCHED = "pilot-switched"
+    STREAM_ESTABLISHED = "stream-established"
+    MODE_CONFIRMED = "mode-confirmed"
+    IN_CONTROL = "in-control"
+    MODE_LEFT = "mode-left"
+    DISARMED = "disarmed"
+    INTERRUPTED = "interrupted"
+    STEP_TIMEOUT = "step-timeout"
+    RETRY = "retry"
+    SHUTDOWN = "shutdown"
+    LEFT = "left"
+
+
+class Setpoints(StrEnum):
+    """What a state streams."""
+
+    NONE = "none"
+    NEUTRAL = "neutral"
+    LAW = "law"
+
+
+SETPOINTS: Final[dict[State, Setpoints]] = {
+    State.DISCONNECTED: Setpoints.NONE,
+    State.CONNECTED: Setpoints.NONE,
+    State.WITHHELD: Setpoints.NONE,
+    State.READY: Setpoints.NEUTRAL,  # only where the firmware wants a stream before its mode; see core
+    State.STREAMING: Setpoints.NEUTRAL,
+    State.SWITCHING: Setpoints.NEUTRAL,
+    State.ARMING: Setpoints.NEUTRAL,
+    State.TRACKING: Setpoints.LAW,
+    State.LEAVING: Setpoints.LAW,  # fresh ones go on until the exit mode is seen
+    State.HANDED_OVER: Setpoints.NONE,
+    State.ABORTED: Setpoints.NONE,
+    State.FINISHED: Setpoints.NONE,
+}
+
+_S, _E = State, Event
+
+TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
+    # An autopilot appears. Armed in the control mode (or in nobody knows which), any setpoint would take
+    # control at once: it is left alone until that changes or the operator commands.
+    (_S.DISCONNECTED, _E.FOUND): _S.CONNECTED,
+    (_S.DISCONNECTED, _E.FOUND_IN_CONTROL): _S.WITHHELD,
+    (_S.WITHHELD, _E.RELEASED): _S.CONNECTED,
+    (_S.WITHHELD, _E.COMMANDED): _S.CONNECTED,
+    # State, clock and origin are known, or not any more.
+    (_S.CONNECTED, _E.CONDITIONS_MET): _S.READY,
+    (_S.READY, _E.CONDITIONS_LOST): _S.CONNECTED,
+    # Engaging: stream -> mode -> (arm) -> verified. A pilot's own switch skips ahead.
+    (_S.READY, _E.ENGAGE): _S.STREAMING,
+    (_S.READY, _E.PILOT_SWITCHED): _S.ARMING,
+    (_S.STREAMING, _E.PILOT_SWITCHED): _S.ARMING,
+    (_S.STREAMING, _E.STREAM_ESTABLISHED): _S.SWITCHING,
+    (_S.SWITCHING, _E.MODE_CONFIRMED): _S.ARMING,
+    (_S.ARMING, _E.IN_CONTROL): _S.TRACKING,
+    (_S.STREAMING, _E.STEP_TIMEOUT): _S.ABORTED,
+    (_S.SWITCHING, _E.STEP_TIMEOUT): _S.ABORTED,
+    (_S.ARMING, _E.STEP_TIMEOUT): _S.ABORTED,
+    # Not asked for: hand over at once and be silent.
+    (_S.ARMING, _E.MODE_LEFT): _S.HANDED_OVER,
+    (_S.ARMING, _E.DISARMED): _S.HANDED_OVER,
+    (_S.TRACKING, _E.MODE_LEFT): _S.HANDED_OVER,
+    (_S.TRACKING, _E.DISARMED): _S.HANDED_OVER,
+    (_S.TRACKING, _E.INTERRUPTED): _S.HANDED_OVER,
+    (_S.TRACKING, _E.LOST): _S.HANDED_OVER,
+    # Back only by a fresh command or a fresh switch; a vehicle that is put down and taken out of the control
+    # mode is a new start.
+    (_S.HANDED_OVER, _E.COMMANDED): _S.CONNECTED,
+    (_S.HANDED_OVER, _E.PILOT_SWITCHED): _S.ARMING,
+    (_S.HANDED_OVER, _E.RELEASED): _S.CONNECTED,
+    (_S.HANDED_OVER, _E.LOST): _S.DISCONNECTED,
+    (_S.ABORTED, _E.COMMANDED): _S.CONNECTED,
+    (_S.ABORTED, _E.PILOT_SWITCHED): _S.ARMING,
+    (_S.ABORTED, _E.RETRY): _S.CONNECTED,
+    # The autopilot falls silent or reboots before anything was asked of it.
+    (_S.CONNECTED, _E.LOST): _S.DISCONNECTED,
+    (_S.WITHHELD, _E.LOST): _S.DISCONNECTED,
+    (_S.READY, _E.LOST): _S.DISCONNECTED,
+    (_S.STREAMING, _E.LOST): _S.DISCONNECTED,
+    (_S.SWITCHING, _E.LOST): _S.HANDED_OVER,
+    (_S.ARMING, _E.LOST): _S.HANDED_OVER,
+    (_S.ABORTED, _E.LOST): _S.DISCONNECTED,
+    # The operator stops the service: the vehicle is put into the exit mode if it may be under control.
+    (_S.SWITCHING, _E.SHUTDOWN): _S.LEAVING,
+    (_S.ARMING, _E.SHUTDOWN): _S.LEAVING,
+    (_S.TRACKING, _E.SHUTDOWN): _S.LEAVING,
+    (_S.LEAVING, _E.LEFT): _S.FINISHED,
+    (_S.LEAVING, _E.MODE_LEFT): _S.FINISHED,
+    (_S.LEAVING, _E.DISARMED): _S.FINISHED,
+    (_S.LEAVING, _E.LOST): _S.FINISHED,
+    (_S.LEAVING, _E.INTERRUPTED): _S.FINISHED,
+    **{
+        (state, _E.SHUTDOWN): _S.FINISHED
+        for state in (
+            _S.DISCONNECTED,
+            _S.CONNECTED,
+            _S.WITHHELD,
+            _S.READY,
+            _S.STREAMING,
+            _S.HANDED_OVER,
+            _S.ABORTED,
+        )
+    },
+}
+
+
+def transition(state: State, event: Event) -> State:
+    """The state after `event`; the same state where the table has no row."""
+    return TRANSITIONS.get((state, event), state)

@@ -1,0 +1,213 @@
+"""Reading a flight log back, in the order in which it was written.
+
+The outer records of MCAP are walked here instead of with the library's stream reader, which neither notices
+a record that ends early nor keeps up: a replay must run 50 times as fast as the flight. Chunks, channels and
+metadata are still decoded by the library. Order is file order, never log time: a replay feeds the core what
+it was fed, in that order.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final, TypeVar
+
+import msgspec
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Metadata
+from mcap.stream_reader import get_chunk_data_stream
+
+from guidance.records import SCHEMA_VERSION, Record
+from guidance.telemetry.schema import RECORDS
+
+_T = TypeVar("_T")
+
+#: Name of the metadata record that every log of ours carries.
+METADATA_NAME: Final = "guidance"
+
+_MAGIC: Final = b"\x89MCAP0\r\n"
+_PREFIX: Final = struct.Struct("<BQ")  # opcode, length
+_MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the payload follows
+_DATA_END_BYTES: Final = 4
+
+
+class NotALog(Exception):  # noqa: N818
+    """`path` is not a log that this version can read; `why` says what it is instead."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(f"{path}: not a readable flight log: {why}")
+        self.path = path
+        self.why = why
+
+
+class LogDamaged(Exception):  # noqa: N818
+    """`path` is a log, but ends or is broken at byte `offset`; everything before has been delivered."""
+
+    def __init__(self, path: Path, offset: int, why: str) -> None:
+        super().__init__(f"{path}: damaged at byte {offset}: {why}")
+        self.path = path
+        self.offset = offset
+        self.why = why
+
+
+def read_log(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Every message of the log at `path` in file order: topic (without a slash) and payload (JSON).
+
+    Raises:
+        NotALog: at once, when there is no such file or it is no MCAP file.
+        LogDamaged: in place of the first message that cannot be read; a log that was not closed (crash, power
+            cut, full disk) delivers all that reached the disk and then raises this.
+    """
+    _check_magic(path)
+    return _messages(path)
+
+
+def read_records(path: Path, *topics: str) -> Iterator[Record]:
+    """The records of `topics` (of all if none is named) in file order; unknown topics are skipped.
+
+    Raises:
+        ValueError: a topic that does not exist.
+        NotALog: as `read_log`, or the log was not written by guidance, or with another schema version.
+        LogDamaged: as `read_log`, or a payload does not decode.
+    """
+    unknown = sorted(set(topics) - set(RECORDS))
+    if unknown:
+        raise ValueError(f"no such topic: {', '.join(unknown)}; there are {', '.join(RECORDS)}")
+    version = read_metadata(path).get("schema_version", "")
+    if version != str(SCHEMA_VERSION):
+        why = f"its schema version is {version}" if version else "it was not written by guidance"
+        raise NotALog(path, f"{why}; this version reads schema version {SCHEMA_VERSION}")
+    wanted = topics or tuple(RECORDS)
+    return _records(path, {topic: msgspec.json.Decoder(RECORDS[topic]) for topic in wanted})
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """What the recorder says of the run: session_id, vehicle, schema_version, unix_offset_ns; {} if nothing.
+
+    Raises:
+        NotALog: as `read_log`.
+        LogDamaged: the log is broken before its first message.
+    """
+    _check_magic(path)
+    for opcode, offset, body in _outer_records(path):
+        if opcode == Opcode.METADATA:
+            metadata = _parse(path, offset, Metadata.read, body)
+            if metadata.name == METADATA_NAME:
+                return dict(metadata.metadata)
+        elif opcode in (Opcode.CHUNK, Opcode.MESSAGE):
+            break
+    return {}
+
+
+def _check_magic(path: Path) -> None:
+    try:
+        with path.open("rb") as file:
+            magic = file.read(len(_MAGIC))
+    except OSError as error:
+        raise NotALog(path, error.strerror or str(error)) from error
+    if magic != _MAGIC:
+        raise NotALog(path, "the file is empty" if not magic else "it does not begin as an MCAP file does")
+
+
+def _records(path: Path, decoders: dict[str, msgspec.json.Decoder[Record]]) -> Iterator[Record]:
+    for count, (topic, payload) in enumerate(_messages(path), start=1):
+        decoder = decoders.get(topic)
+        if decoder is not None:
+            try:
+                record = decoder.decode(payload)
+            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                raise LogDamaged(path, 0, f"message {count}, topic {topic}: {error}") from error
+            yield record
+
+
+def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
+    reader = _ChunkReader(path)
+    for opcode, offset, body in _outer_records(path):
+        if opcode == Opcode.CHUNK:
+            yield from reader.messages(offset, _unpack_chunk(path, offset, body))
+        elif opcode in (Opcode.MESSAGE, Opcode.CHANNEL):
+            yield from reader.messages(offset, _PREFIX.pack(opcode, len(body)) + body)
+        elif opcode == Opcode.METADATA and _parse(path, offset, Metadata.read, body).name == METADATA_NAME:
+            reader.numbered = True
+
+
+class _ChunkReader:
+    """Takes messages out of unpacked chunks and remembers from one to the next what it needs for that."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._channels: dict[int, str] = {}
+        self._sequence = 0
+        #: Our recorder numbers the messages of a file; a number that is missing betrays a chunk that is.
+        self.numbered = False
+
+    def messages(self, offset: int, data: bytes) -> Iterator[tuple[str, bytes]]:
+        # The hot loop of every replay: a hundred seconds of flight are some 60 000 turns.
+        prefix, head, message = _PREFIX.unpack_from, _MESSAGE.unpack_from, int(Opcode.MESSAGE)
+        channels, path, numbered = self._channels, self._path, self.numbered
+        position, end = 0, len(data)
+        while position < end:
+            try:
+                opcode, length = prefix(data, position)
+                body = position + _PREFIX.size
+                position = body + length
+                if position > end:
+                    raise LogDamaged(path, offset, "a record is longer than the chunk around it")
+                if opcode == Opcode.CHANNEL:
+                    channel = _parse(path, offset, Channel.read, data[body:position])
+                    channels[channel.id] = channel.topic.removeprefix("/")
+                if opcode != message:
+                    continue
+                channel_id, sequence, _, _ = head(data, body)
+                topic = channels[channel_id]
+            except struct.error as error:
+                raise LogDamaged(path, offset, "a record is shorter than its kind must be") from error
+            except KeyError as error:
+                raise LogDamaged(path, offset, f"channel {error} was never declared") from error
+            self._sequence += 1
+            if numbered and sequence != self._sequence & 0xFFFFFFFF:
+                raise LogDamaged(path, offset, f"message {self._sequence} is missing")
+            yield topic, data[body + _MESSAGE.size : position]
+
+
+def _unpack_chunk(path: Path, offset: int, body: bytes) -> bytes:
+    chunk = _parse(path, offset, Chunk.read, body)
+    try:
+        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+        return stream.read(length)
+    except Exception as error:  # each compression has exceptions of its own
+        raise LogDamaged(path, offset, f"a chunk does not unpack: {error}") from error
+
+
+def _outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
+    """Opcode, offset and body of each record up to the end of the data section; the summary is not needed."""
+    size = path.stat().st_size
+    offset = len(_MAGIC)
+    with path.open("rb") as file:
+        file.seek(offset)
+        while True:
+            head = file.read(_PREFIX.size)
+            if len(head) < _PREFIX.size:
+                raise LogDamaged(path, offset, "it was not closed: the recorder was interrupted here")
+            opcode, length = _PREFIX.unpack(head)
+            if opcode == Opcode.DATA_END and length == _DATA_END_BYTES:
+                return
+            if opcode == 0:
+                raise LogDamaged(path, offset, "no record begins here")
+            if length > size - offset - _PREFIX.size:
+                raise LogDamaged(
+                    path, offset, "the file ends within a record: the recorder was interrupted here"
+                )
+            yield opcode, offset, file.read(length)
+            offset += _PREFIX.size + length
+
+
+def _parse(path: Path, offset: int, read: Callable[[ReadDataStream], _T], body: bytes) -> _T:
+    try:
+        return read(ReadDataStream(io.BytesIO(body)))
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError, MemoryError) as error:
+        raise LogDamaged(path, offset, f"a record does not parse: {error!r}") from error

@@ -1,0 +1,116 @@
+"""From a state to a setpoint: the trajectory in the vehicle's frame, the law, and the profile's ranges."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from guidance.config import Config
+from guidance.estimate import Estimate
+from guidance.law import Evaluation, evaluate, planar
+from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
+from guidance.mavlink.profiles import Outgoing, Profile, outgoing
+from guidance.se3 import Pose, Reference, Vec3, add, norm, subtract
+from guidance.trajectory import sample
+
+
+class Solution(NamedTuple):
+    """One evaluation: the reference that was tracked, the law's answer, and what the profile makes of it."""
+
+    trajectory_s: float
+    reference: Reference
+    evaluation: Evaluation
+    outgoing: Outgoing
+
+
+class Tracker:
+    """Knows the trajectory's origin and start; both are fixed at the first tracking tick."""
+
+    def __init__(self, config: Config, profile: Profile) -> None:
+        self.start_ns: int | None = None
+        self.origin_ned_m: Vec3 | None = None
+        self._trajectory = config.trajectory
+        self._origin = config.flight.origin
+        self._gains = config.law.gains()
+        self._limits = config.limits.limits()
+        self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
+        self._profile = profile
+
+    def stop(self) -> None:
+        """The flight is over; the next one starts anew."""
+        self.start_ns = None
+        self.origin_ned_m = None
+
+    def start(self, instant_ns: int, origin_ned_m: Vec3) -> None:
+        """t = 0 is at `instant_ns`, and the trajectory's origin here, in the vehicle's local frame."""
+        self.start_ns = instant_ns
+        self.origin_ned_m = origin_ned_m
+
+    def find_origin(
+        self, position_ned_m: Vec3, ekf: GpsGlobalOrigin | None, home: HomePosition | None
+    ) -> Vec3 | str:
+        """The trajectory's origin in the vehicle's local frame (m), or why it is not known."""
+        if self._origin == "ekf":
+            return Vec3(0.0, 0.0, 0.0)
+        if self._origin == "engage":
+            return position_ned_m
+        if ekf is None:
+            return "the autopilot has not said where its local origin is (GPS_GLOBAL_ORIGIN)"
+        radius_m = self._profile.earth_radius_m
+        at = (ekf.latitude * 1e-7, ekf.longitude * 1e-7, ekf.altitude * 1e-3)
+        if self._origin == "home":
+            if home is None:
+                return "the autopilot has not said where home is (HOME_POSITION)"
+            return ned_from_geodetic(
+                (home.latitude * 1e-7, home.longitude * 1e-7, home.altitude * 1e-3), at, radius_m
+            )
+        return ned_from_geodetic(self._origin, at, radius_m)
+
+    def start_error_m(self, position_ned_m: Vec3, origin_ned_m: Vec3) -> float:
+        """|x - r(0)|, in the plane for a planar vehicle."""
+        error = subtract(position_ned_m, add(origin_ned_m, sample(self._trajectory, 0.0).position))
+        return math.hypot(error.x, error.y) if self._profile.planar else norm(error)
+
+    def solve(self, estimate: Estimate) -> Solution:
+        """The law at the estimate's instant; `start` must have been called."""
+        assert self.start_ns is not None
+        assert self.origin_ned_m is not None
+        trajectory_s = (estimate.instant_ns - self.start_ns) * 1e-9
+        relative = sample(self._trajectory, trajectory_s)
+        reference = relative._replace(position=add(self.origin_ned_m, relative.position))
+        pose: Pose = estimate.pose
+        if self._profile.planar:
+            pose, reference = planar(pose, reference)
+        evaluation = evaluate(self._gains, self._limits, pose, reference)
+        u = evaluation.controls
+        return Solution(
+            trajectory_s,
+            reference,
+            evaluation,
+            outgoing(self._profile, u.u1, u.u2, u.u3, u.u4, self._speed_at_full_thrust_m_s),
+        )
+
+
+def is_usable(solution: Solution) -> bool:
+    """Whether every number that would be sent or logged is finite."""
+    e = solution.evaluation
+    sent = (*solution.outgoing.body_rates_frd_rad_s, solution.outgoing.thrust)
+    return all(map(math.isfinite, (*sent, *e.e, *e.demanded, e.V1, e.V2)))
+
+
+def ned_from_geodetic(
+    point: tuple[float, float, float], origin: tuple[float, float, float], radius_m: float
+) -> Vec3:
+    """Azimuthal equidistant projection about `origin`; both are (deg, deg, m AMSL), the result NED in m.
+
+    Autopilots project onto a sphere, and not the same one, so the radius is the profile's (PX4
+    `geo.cpp`, MapProjection).
+    """
+    lat, lon = math.radians(point[0]), math.radians(point[1])
+    lat0, lon0 = math.radians(origin[0]), math.radians(origin[1])
+    along = math.sin(lat0) * math.sin(lat) + math.cos(lat0) * math.cos(lat) * math.cos(lon - lon0)
+    angle = math.acos(min(max(along, -1.0), 1.0))
+    stretch = angle / math.sin(angle) if 1e-9 < angle < math.pi - 1e-9 else 1.0
+    north = math.cos(lat0) * math.sin(lat) - math.sin(lat0) * math.cos(lat) * math.cos(lon - lon0)
+    east = math.cos(lat) * math.sin(lon - lon0)
+    return Vec3(stretch * north * radius_m, stretch * east * radius_m, origin[2] - point[2])

@@ -1,0 +1,185 @@
+"""Trajectories: t -> r, r', r'' in NED metres, relative to the trajectory's origin.
+
+Each is a pure function of time and its parameters, with analytic derivatives, defined for all t (before
+t = 0 it extends as it goes on after), and a Struct of the same parameters in the same order, which a
+configuration names by `name = "helix"`.
+
+To add one: write the function, write its Struct, and give both a row in `_FUNCTIONS` (and the Struct a
+place in the union `Trajectory`, which type checkers read). Nothing else knows the list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, hypot, isfinite, radians, sin
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta
+
+from guidance.se3 import ZERO, Vec3
+from guidance.se3 import Reference as Reference  # the type is at home there; this is where users look for it
+
+
+def helix(t_s: float, radius_m: float, speed_m_s: float, down_m_s: float) -> Reference:
+    """The helix of section 4, r = (R sin wt, R cos wt, down t) with w = speed/R.
+
+    `speed_m_s` is horizontal, `down_m_s` vertical (positive down). Starts R east of the origin, northbound;
+    seen from above it turns counter-clockwise.
+    """
+    w = speed_m_s / radius_m
+    s = sin(w * t_s)
+    c = cos(w * t_s)
+    return Reference(
+        Vec3(radius_m * s, radius_m * c, down_m_s * t_s),
+        Vec3(speed_m_s * c, -speed_m_s * s, down_m_s),
+        Vec3(-speed_m_s * w * s, -speed_m_s * w * c, 0.0),
+    )
+
+
+def circle(t_s: float, radius_m: float, speed_m_s: float, clockwise: bool, down_m: float) -> Reference:
+    """A level circle about the origin, `down_m` below it; starts at its northernmost point.
+
+    `clockwise` is as seen from above: to the east first.
+    """
+    w = (speed_m_s if clockwise else -speed_m_s) / radius_m
+    s = sin(w * t_s)
+    c = cos(w * t_s)
+    return Reference(
+        Vec3(radius_m * c, radius_m * s, down_m),
+        Vec3(-radius_m * w * s, radius_m * w * c, 0.0),
+        Vec3(-speed_m_s * speed_m_s / radius_m * c, -speed_m_s * speed_m_s / radius_m * s, 0.0),
+    )
+
+
+def line(
+    t_s: float,
+    north_m: float,
+    east_m: float,
+    down_m: float,
+    heading_deg: float,
+    speed_m_s: float,
+    climb_m_s: float,
+) -> Reference:
+    """A straight line from (north_m, east_m, down_m) at t = 0.
+
+    `speed_m_s` is horizontal along `heading_deg` (from north to the east), `climb_m_s` vertical, positive up.
+    """
+    vx = speed_m_s * cos(radians(heading_deg))
+    vy = speed_m_s * sin(radians(heading_deg))
+    return Reference(
+        Vec3(north_m + vx * t_s, east_m + vy * t_s, down_m - climb_m_s * t_s),
+        Vec3(vx, vy, -climb_m_s),
+        ZERO,
+    )
+
+
+def zigzag(t_s: float, leg_m: float, speed_m_s: float) -> Reference:
+    """The zigzag (15), level: (s, s), then (2 leg - s, s), then (s - 2 leg, s), with s = speed t.
+
+    `leg_m` and `speed_m_s` are per axis, so that the point moves at sqrt(2) speed_m_s. The corners are at
+    s = leg and s = 2 leg; there the position is continuous and the velocity is that of the leg that begins
+    ((15) as printed leaves the second after each corner undefined). As in (15), the third leg has no end.
+    r'' is zero throughout: at a corner, where r' jumps, it does not exist.
+    """
+    s = speed_m_s * t_s
+    if s < leg_m:
+        return Reference(Vec3(s, s, 0.0), Vec3(speed_m_s, speed_m_s, 0.0), ZERO)
+    if s < 2.0 * leg_m:
+        return Reference(Vec3(2.0 * leg_m - s, s, 0.0), Vec3(-speed_m_s, speed_m_s, 0.0), ZERO)
+    return Reference(Vec3(s - 2.0 * leg_m, s, 0.0), Vec3(speed_m_s, speed_m_s, 0.0), ZERO)
+
+
+def lemniscate(t_s: float, length_m: float, width_m: float, speed_m_s: float, down_m: float) -> Reference:
+    """The figure eight of Gerono, r = (length/2 sin p, width/2 sin 2p, down) with p = w t.
+
+    `length_m` is its extent to the north, `width_m` to the east. `speed_m_s` is the highest speed, reached
+    where the eight crosses itself: above (or below) the origin, where it starts, north-eastbound.
+    """
+    w = speed_m_s / hypot(0.5 * length_m, width_m)
+    p = w * t_s
+    return Reference(
+        Vec3(0.5 * length_m * sin(p), 0.5 * width_m * sin(2.0 * p), down_m),
+        Vec3(0.5 * length_m * w * cos(p), width_m * w * cos(2.0 * p), 0.0),
+        Vec3(-0.5 * length_m * w * w * sin(p), -2.0 * width_m * w * w * sin(2.0 * p), 0.0),
+    )
+
+
+class _Parameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="name"):
+    """Parameters of a trajectory.
+
+    Decoding refuses what the `Meta` of a field excludes (msgspec.ValidationError with the key); NaN, which
+    TOML can spell and comparisons let through, is refused here.
+    """
+
+    def __post_init__(self) -> None:
+        for field in self.__struct_fields__:
+            value = getattr(self, field)
+            if not isfinite(value):
+                raise ValueError(f"{field} must be a finite number, not {value}")
+
+
+class Helix(_Parameters, frozen=True, kw_only=True, tag="helix"):
+    """Parameters of `helix`; the defaults are those of figure 1."""
+
+    radius_m: Annotated[float, Meta(ge=0.01, le=1e5, description="radius, m")] = 1.0
+    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="horizontal speed, m/s")] = 0.1
+    down_m_s: Annotated[float, Meta(ge=-1e3, le=1e3, description="vertical speed, m/s, positive down")] = 0.1
+
+
+class Circle(_Parameters, frozen=True, kw_only=True, tag="circle"):
+    """Parameters of `circle`."""
+
+    radius_m: Annotated[float, Meta(ge=0.01, le=1e5, description="radius, m")] = 10.0
+    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="speed, m/s")] = 1.0
+    clockwise: Annotated[bool, Meta(description="direction, seen from above")] = True
+    down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="height below the origin, m")] = 0.0
+
+
+class Line(_Parameters, frozen=True, kw_only=True, tag="line"):
+    """Parameters of `line`."""
+
+    north_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="start, m north of the origin")] = 0.0
+    east_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="start, m east of the origin")] = 0.0
+    down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="start, m below the origin")] = 0.0
+    heading_deg: Annotated[float, Meta(ge=-360, le=360, description="course, degrees from north")] = 0.0
+    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="horizontal speed, m/s")] = 1.0
+    climb_m_s: Annotated[float, Meta(ge=-1e3, le=1e3, description="vertical speed, m/s, positive up")] = 0.0
+
+
+class Zigzag(_Parameters, frozen=True, kw_only=True, tag="zigzag"):
+    """Parameters of `zigzag`; the defaults are those of (15)."""
+
+    leg_m: Annotated[float, Meta(ge=0.01, le=1e5, description="length of a leg along each axis, m")] = 30.0
+    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="speed along each axis, m/s")] = 1.0
+
+
+class Lemniscate(_Parameters, frozen=True, kw_only=True, tag="lemniscate"):
+    """Parameters of `lemniscate`."""
+
+    length_m: Annotated[float, Meta(ge=0.01, le=1e5, description="extent to the north, m")] = 20.0
+    width_m: Annotated[float, Meta(ge=0.01, le=1e5, description="extent to the east, m")] = 10.0
+    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="highest speed, at the crossing, m/s")] = 1.0
+    down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="height below the origin, m")] = 0.0
+
+
+Trajectory = Helix | Circle | Line | Zigzag | Lemniscate
+
+#: The one table: parameters -> function of time and those parameters, in the order of the Struct's fields.
+_FUNCTIONS: Final[dict[type[Trajectory], Callable[..., Reference]]] = {
+    Helix: helix,
+    Circle: circle,
+    Line: line,
+    Zigzag: zigzag,
+    Lemniscate: lemniscate,
+}
+
+#: Name in the configuration -> Struct.
+TRAJECTORIES: Final[dict[str, type[Trajectory]]] = {
+    str(parameters.__struct_config__.tag): parameters for parameters in _FUNCTIONS
+}
+
+
+def sample(trajectory: Trajectory, t_s: float) -> Reference:
+    """The trajectory `t_s` seconds after its start."""
+    return _FUNCTIONS[type(trajectory)](t_s, *msgspec.structs.astuple(trajectory))

@@ -1,0 +1,1 @@
+"""The built-in vehicle: a kinematic plant with the manners of a real MAVLink autopilot."""

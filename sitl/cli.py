@@ -1,0 +1,151 @@
+"""The command line `sitl`: `sitl vehicle` runs the built-in vehicle as a process."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import sys
+import time
+from typing import Annotated, cast
+
+import typer
+
+from sitl.plant import PlantParameters
+from sitl.shell import ShellOptions, run
+from sitl.vehicle import Firmware, Origin, VehicleOptions
+
+app = typer.Typer(
+    name="sitl",
+    help="Software in the loop: the built-in vehicle.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback()
+def sitl() -> None:
+    """Software in the loop: the built-in vehicle."""
+
+
+@app.command()
+def vehicle(
+    firmware: Annotated[Firmware, typer.Option(help="Whose manners the vehicle has.")] = Firmware.PX4_UUV,
+    to: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Where to send; without it, to whoever wrote last."),
+    ] = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="UDP port to listen on; 0 takes a free one.")
+    ] = 14580,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    position: Annotated[
+        str | None,
+        typer.Option(metavar="N,E,D", help="Start in metres NED; default -10,-30,-5 (rover: -10,-30,0)."),
+    ] = None,
+    yaw_deg: Annotated[float, typer.Option(help="Heading at the start.")] = 0.0,
+    home: Annotated[
+        str | None,
+        typer.Option(metavar="LAT,LON,ALT", help="Origin of the local frame: degrees, degrees, metres."),
+    ] = None,
+    max_rate: Annotated[float, typer.Option(help="Bound on each body rate, rad/s.")] = 5.0,
+    max_speed: Annotated[float, typer.Option(help="Bound on the forward speed, m/s.")] = 5.0,
+    rate_lag: Annotated[float, typer.Option(help="First-order lag of the body rates, s.")] = 0.0,
+    speed_lag: Annotated[float, typer.Option(help="First-order lag of the speed, s.")] = 0.0,
+    full_thrust_speed: Annotated[float, typer.Option(help="px4-uuv: speed at thrust 1, m/s.")] = 5.0,
+    position_noise: Annotated[float, typer.Option(help="Sigma of the reported position, m.")] = 0.0,
+    attitude_noise: Annotated[float, typer.Option(help="Sigma of the reported attitude, rad.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    mode: Annotated[str | None, typer.Option(help="Mode at the start, such as OFFBOARD or HOLD.")] = None,
+    arm: Annotated[bool, typer.Option("--arm", help="Start armed.")] = False,
+    estimator_ready: Annotated[float, typer.Option(help="Seconds until there is a position.")] = 0.0,
+    clock_drift_ppm: Annotated[float, typer.Option(help="How fast the vehicle's clock is.")] = 0.0,
+    system_id: Annotated[int, typer.Option(help="MAVLink system id.")] = 1,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="PARAM=VALUE", help="Firmware parameter; repeatable.")
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Write the plant's truth as JSON lines; - is stdout.")
+    ] = None,
+    truth_period: Annotated[float, typer.Option(help="Seconds between lines of truth.")] = 0.02,
+    exit_with_stdin: Annotated[
+        bool, typer.Option("--exit-with-stdin", help="Exit when stdin closes (for a parent process).")
+    ] = False,
+) -> None:
+    """Run a MAVLink vehicle around the kinematic plant, in real time, until SIGTERM or SIGINT."""
+    try:
+        if not 1e-3 <= truth_period < math.inf:
+            raise ValueError(f"--truth-period must be at least 0.001 s, not {truth_period}")
+        shell_options = ShellOptions(
+            host=host,
+            port=port,
+            to=None if to is None else _address(to),
+            truth=truth,
+            truth_period_s=truth_period,
+            exit_with_stdin=exit_with_stdin,
+        )
+        vehicle_options = VehicleOptions(
+            firmware=firmware,
+            system_id=system_id,
+            plant=PlantParameters(max_rate, max_speed, rate_lag, speed_lag),
+            initial_position_ned_m=None if position is None else _three("--position", position),
+            initial_yaw_rad=math.radians(yaw_deg),
+            initial_mode=mode,
+            initially_armed=arm,
+            origin=Origin() if home is None else Origin(*_three("--home", home)),
+            speed_at_full_thrust_m_s=full_thrust_speed,
+            parameters=_parameters(set_ or []),
+            clock_drift_ppm=clock_drift_ppm,
+            unix_at_zero_ns=time.time_ns(),
+            estimator_ready_s=estimator_ready,
+            position_noise_m=position_noise,
+            attitude_noise_rad=attitude_noise,
+            seed=seed,
+        )
+        asyncio.run(run(shell_options, vehicle_options))
+    except (ValueError, OSError) as error:
+        sys.stderr.write(f"sitl vehicle: {error}\n")
+        raise typer.Exit(2) from None
+
+
+def main() -> None:
+    """Entry point of the console script; a wrong option is one line on stderr and exit status 2."""
+    usage_error = cast(type[Exception], typer.BadParameter.__bases__[0])
+    try:
+        status = app(standalone_mode=False)
+    except usage_error as error:
+        message = getattr(error, "format_message", error.__str__)()
+        if message:
+            sys.stderr.write(f"sitl: {message}\n")
+        status = 2
+    except typer.Abort:
+        status = 130
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or not 1 <= int(port) <= 65535:
+        raise ValueError(f"--to must be HOST:PORT with a port of 1 to 65535, not {text!r}")
+    return host, int(port)
+
+
+def _three(option: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"{option} must be three numbers with commas between, not {text!r}") from None
+    return x, y, z
+
+
+def _parameters(assignments: list[str]) -> dict[str, float]:
+    parameters: dict[str, float] = {}
+    for assignment in assignments:
+        name, equals, value = assignment.partition("=")
+        try:
+            parameters[name] = float(value)
+        except ValueError:
+            equals = ""
+        if not name or not equals:
+            raise ValueError(f"--set must be PARAM=NUMBER, not {assignment!r}")
+    return parameters

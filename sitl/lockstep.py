@@ -1,0 +1,129 @@
+"""The service's core against the built-in vehicle on virtual time: no sockets, no sleeps, no threads.
+
+Both are sans-IO, so a hundred seconds of flight take about one, and two runs with the same seed are the same
+to the bit. The link between them can delay, lose, repeat and reorder datagrams, each way on its own.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from guidance.config import Config
+from guidance.core import Guide
+from guidance.records import Packet, Record
+from sitl.vehicle import Truth, Vehicle
+
+SECOND: Final = 1_000_000_000
+
+
+class Channel(NamedTuple):
+    """One way of the link. Delays in s; probabilities per datagram."""
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    duplication: float = 0.0
+
+
+class Lockstep:
+    """A guide and a vehicle, and the virtual clock between them.
+
+    `now_ns` starts at `start_ns` so that nothing relies on a clock that begins at zero. Records go to
+    `on_record` in the order in which the core made them.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        vehicle: Vehicle,
+        *,
+        start_ns: int = SECOND,
+        to_guide: Channel = Channel(),
+        to_vehicle: Channel = Channel(),
+        seed: int = 0,
+        on_record: Callable[[Record], object] | None = None,
+    ) -> None:
+        self.guide = Guide(config)
+        self.vehicle = vehicle
+        self.now_ns = start_ns
+        self.records: list[Record] = []
+        self.setpoint_times_ns: list[int] = []
+        self.to_guide = to_guide
+        self.to_vehicle = to_vehicle
+        self._on_record = self.records.append if on_record is None else on_record
+        self._dice = random.Random(seed)
+        self._order = 0
+        self._in_flight: list[tuple[int, int, bool, bytes]] = []
+
+    def run(self, seconds: float, until: Callable[[], bool] | None = None) -> bool:
+        """Let time pass; True as soon as `until` holds, False if it did not within `seconds`."""
+        end_ns = self.now_ns + round(seconds * SECOND)
+        if until is not None and until():
+            return True
+        while True:
+            next_ns = min(self.vehicle.deadline(), self.guide.deadline())
+            if self._in_flight:
+                next_ns = min(next_ns, self._in_flight[0][0])
+            if next_ns > end_ns:
+                self.now_ns = end_ns
+                return False
+            self.now_ns = max(self.now_ns, next_ns)
+            self._step()
+            if until is not None and until():
+                return True
+
+    def truth(self) -> Truth:
+        """The plant at this instant."""
+        return self.vehicle.truth(self.now_ns)
+
+    def inject(self, data: bytes) -> None:
+        """Hand the guide bytes that the vehicle did not send, now."""
+        self.guide.receive(data, self.now_ns)
+        self._drain()
+
+    def _step(self) -> None:
+        now_ns = self.now_ns
+        while self._in_flight and self._in_flight[0][0] <= now_ns:
+            _, _, to_guide, data = heapq.heappop(self._in_flight)
+            if to_guide:
+                self.guide.receive(data, now_ns)
+                self._drain()
+            else:
+                self.vehicle.receive(data, now_ns)
+        for data in self.vehicle.advance(now_ns):
+            self._send(data, self.to_guide, to_guide=True)
+        if self.guide.deadline() <= now_ns and not self._arriving(now_ns):
+            self.guide.tick(now_ns)
+            self._drain()
+
+    def _arriving(self, now_ns: int) -> bool:
+        """Whether the guide has datagrams to read at this instant, as a socket is read before a timer."""
+        return any(at_ns <= now_ns and to_guide for at_ns, _, to_guide, _ in self._in_flight[:1])
+
+    def _drain(self) -> None:
+        for data in self.guide.packets():
+            self._send(data, self.to_vehicle, to_guide=False)
+        for record in self.guide.records():
+            if isinstance(record, Packet) and record.data[7:10] == _SET_ATTITUDE_TARGET:
+                self.setpoint_times_ns.append(record.t_ns)
+            self._on_record(record)
+
+    def _send(self, data: bytes, channel: Channel, *, to_guide: bool) -> None:
+        copies = 1
+        if channel.loss and self._dice.random() < channel.loss:
+            copies = 0
+        elif channel.duplication and self._dice.random() < channel.duplication:
+            copies = 2
+        for _ in range(copies):
+            delay_s = channel.delay_s
+            if channel.jitter_s:
+                delay_s += channel.jitter_s * self._dice.random()
+            self._order += 1
+            at_ns = self.now_ns + round(delay_s * SECOND)
+            heapq.heappush(self._in_flight, (at_ns, self._order, to_guide, data))
+
+
+_SET_ATTITUDE_TARGET: Final = (82).to_bytes(3, "little")

@@ -1,0 +1,8 @@
+"""The built-in vehicle: a sans-IO MAVLink autopilot (PX4 UUV, ArduPilot rover) around the plant."""
+
+from __future__ import annotations
+
+from sitl.vehicle.options import Firmware, Origin, Truth, VehicleOptions
+from sitl.vehicle.vehicle import Vehicle
+
+__all__ = ["Firmware", "Origin", "Truth", "Vehicle", "VehicleOptions"]

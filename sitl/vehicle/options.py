@@ -1,0 +1,113 @@
+"""What a built-in vehicle is made of: firmware, identity, plant, pose, clock, noise, parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import NamedTuple
+
+from sitl.plant import PlantParameters, Triple, Wxyz, attitude_from_euler
+
+
+class Firmware(StrEnum):
+    """Whose manners the vehicle has."""
+
+    PX4_UUV = "px4-uuv"
+    ARDUPILOT_ROVER = "ardupilot-rover"
+
+
+class Origin(NamedTuple):
+    """Geodetic origin of the local NED frame, and the first home: degrees and metres above mean sea level."""
+
+    latitude_deg: float = 47.397742
+    longitude_deg: float = 8.545594
+    altitude_m: float = 489.0
+
+
+class Truth(NamedTuple):
+    """The plant itself at `t_ns`, without noise, quantisation or delay: for scoring, never for guiding."""
+
+    t_ns: int
+    boot_ms: float
+    position_ned_m: Triple
+    attitude_wxyz: Wxyz
+    body_rates_frd_rad_s: Triple
+    speed_m_s: float
+    armed: bool
+    mode: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleOptions:
+    """Everything that can be chosen; the defaults are the paper's start and a plant without lags.
+
+    `clock_drift_ppm` makes the vehicle's clock fast (positive) or slow against `now_ns`; the plant moves in
+    the time of `now_ns`. `clock_offset_ns` is what the boot clock shows when it starts. Until
+    `estimator_ready_s` after boot there is no position and arming is refused.
+
+    Raises:
+        ValueError: a number is not finite or out of range, or the initial mode or a parameter is unknown
+            (the last two when the vehicle is built).
+    """
+
+    firmware: Firmware = Firmware.PX4_UUV
+    system_id: int = 1
+    component_id: int = 1
+    plant: PlantParameters = field(default_factory=PlantParameters)
+    initial_position_ned_m: Triple | None = None
+    initial_yaw_rad: float = 0.0
+    initial_mode: str | None = None
+    initially_armed: bool = False
+    origin: Origin = field(default_factory=Origin)
+    speed_at_full_thrust_m_s: float = 5.0
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    clock_offset_ns: int = 0
+    clock_drift_ppm: float = 0.0
+    unix_at_zero_ns: int = 1_700_000_000_000_000_000
+    estimator_ready_s: float = 0.0
+    position_noise_m: float = 0.0
+    attitude_noise_rad: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("system_id", "component_id"):
+            if not 1 <= getattr(self, name) <= 255:
+                raise ValueError(f"{name} must be 1 to 255, not {getattr(self, name)}")
+        not_negative = {
+            "plant.rate_lag_s": self.plant.rate_lag_s,
+            "plant.speed_lag_s": self.plant.speed_lag_s,
+            "clock_offset_ns": self.clock_offset_ns,
+            "estimator_ready_s": self.estimator_ready_s,
+            "position_noise_m": self.position_noise_m,
+            "attitude_noise_rad": self.attitude_noise_rad,
+        }
+        positive = {
+            "plant.max_rate_rad_s": self.plant.max_rate_rad_s,
+            "plant.max_speed_m_s": self.plant.max_speed_m_s,
+            "speed_at_full_thrust_m_s": self.speed_at_full_thrust_m_s,
+        }
+        for name, number in not_negative.items():
+            if not 0.0 <= number < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, not {number}")
+        for name, number in positive.items():
+            if not 0.0 < number < math.inf:
+                raise ValueError(f"{name} must be finite and positive, not {number}")
+        if not abs(self.clock_drift_ppm) <= 100_000.0:
+            raise ValueError(f"clock_drift_ppm must be within +-100000, not {self.clock_drift_ppm}")
+        if not (abs(self.origin.latitude_deg) < 90.0 and abs(self.origin.longitude_deg) <= 180.0):
+            raise ValueError(f"origin must be a latitude and a longitude in degrees, not {self.origin}")
+        finite = (*(self.initial_position_ned_m or ()), self.initial_yaw_rad, self.origin.altitude_m)
+        if not all(map(math.isfinite, finite)):
+            raise ValueError("initial position, yaw and origin must be finite")
+
+    def start_position_ned_m(self) -> Triple:
+        """The chosen position; else the paper's x(0) of section 4, on the ground for a rover."""
+        if self.initial_position_ned_m is not None:
+            return self.initial_position_ned_m
+        return (-10.0, -30.0, 0.0 if self.firmware is Firmware.ARDUPILOT_ROVER else -5.0)
+
+    def start_attitude_wxyz(self) -> Wxyz:
+        """Level, at the initial yaw."""
+        return attitude_from_euler(0.0, 0.0, self.initial_yaw_rad)

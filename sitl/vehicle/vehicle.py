@@ -1,0 +1,195 @@
+"""The sans-IO vehicle: a plant, a firmware, and a clock that is an argument.
+
+The driver hands in datagrams and the time, and takes datagrams out:
+
+    vehicle.receive(data, now_ns)             # a setpoint acts at that instant, to the nanosecond
+    for datagram in vehicle.advance(now_ns):  # all that was sent until then
+        ...
+    sleep until vehicle.deadline()
+
+Everything happens at fixed instants of the vehicle's boot clock (its loop) or at a receipt, never at the
+instants of `advance`: how often that is called changes nothing.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Hashable
+
+from sitl.plant import PlantState, step
+from sitl.vehicle.ardupilot import ArduRover
+from sitl.vehicle.autopilot import Autopilot
+from sitl.vehicle.clock import BootClock
+from sitl.vehicle.options import Firmware, Truth, VehicleOptions
+from sitl.vehicle.px4 import Px4
+from sitl.vehicle.sample import Sample
+
+_PILOTS: dict[Firmware, type[Autopilot]] = {
+    Firmware.PX4_UUV: Px4,
+    Firmware.ARDUPILOT_ROVER: ArduRover,
+}
+_MS = 1_000_000
+
+
+class Vehicle:
+    """A MAVLink autopilot around the kinematic plant, booting at `boot_ns`.
+
+    `now_ns` is any monotonic clock in integer nanoseconds; it must not run backwards (an earlier instant
+    counts as the latest one seen).
+
+    Raises:
+        ValueError: `options` name an unknown mode or parameter.
+    """
+
+    def __init__(self, options: VehicleOptions, boot_ns: int = 0) -> None:
+        rover = options.firmware is Firmware.ARDUPILOT_ROVER
+        self.options = options
+        self._plant_parameters = options.plant._replace(planar=rover or options.plant.planar)
+        self._pilot = _PILOTS[options.firmware](options)
+        noisy = options.position_noise_m > 0.0 or options.attitude_noise_rad > 0.0
+        self._dice = random.Random(options.seed) if noisy else None
+        self._state = PlantState(options.start_position_ned_m(), options.start_attitude_wxyz())
+        self._state_ns = boot_ns
+        self._next_ns = self._next_boot_ns = self._wake_boot_ns = 0
+        self._boot(boot_ns, options.clock_offset_ns)
+        if options.initially_armed:
+            self._pilot.armed = True
+        self._command = self._pilot.command(self._state)
+
+    def _boot(self, now_ns: int, offset_ns: int) -> None:
+        self._clock = BootClock(now_ns, offset_ns, round(self.options.clock_drift_ppm * 1000.0))
+        self._pilot.restart(offset_ns)
+        self._plan()
+
+    # --- driving it -------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_ns: int, peer: Hashable | None = None) -> None:
+        """Take one datagram (or any piece of a byte stream) from `peer` at `now_ns`; garbage is counted."""
+        now_ns = max(now_ns, self._state_ns)
+        self._run_to(now_ns)
+        messages = self._pilot.link.parse(data, peer)
+        if not messages:
+            return
+        self._integrate(now_ns)
+        boot_ns = self._clock.at(now_ns)
+        sample = self._sample(boot_ns)
+        for message in messages:
+            self._pilot.receive(message, boot_ns, sample)
+        self._pilot.link.end_of_loop()
+        self._command = self._pilot.command(self._state)
+        if self._pilot.reboot_requested:
+            self.reboot(now_ns)
+        self._plan()
+
+    def advance(self, now_ns: int) -> list[bytes]:
+        """Live until `now_ns` and return the datagrams sent since the last call, in order."""
+        self._run_to(max(now_ns, self._state_ns))
+        return self._pilot.link.take()
+
+    def deadline(self) -> int:
+        """When `advance` next has something to do or to hand out (ns, the clock of `now_ns`)."""
+        return self._state_ns if self._pilot.link.pending else self._next_ns
+
+    def reboot(self, now_ns: int) -> None:
+        """Restart the firmware: disarmed, first mode, boot time and sequence numbers from zero.
+
+        Parameters are kept. The vehicle stays where it is and stands still.
+        """
+        now_ns = max(now_ns, self._state_ns)
+        self._run_to(now_ns)
+        self._integrate(now_ns)
+        self._boot(now_ns, 0)
+        self._command = self._pilot.command(self._state)
+
+    # --- looking at it ----------------------------------------------------------------------------------
+
+    def truth(self, now_ns: int | None = None) -> Truth:
+        """The plant at `now_ns` (not before the last instant that did something), or at that last instant."""
+        at_ns = self._state_ns if now_ns is None else max(now_ns, self._state_ns)
+        state = self._at(at_ns)
+        return Truth(
+            at_ns,
+            self._clock.at(at_ns) / _MS,
+            state.position_ned_m,
+            state.attitude_wxyz,
+            state.body_rates_frd_rad_s,
+            state.speed_m_s,
+            self._pilot.armed,
+            self._pilot.mode_name,
+        )
+
+    @property
+    def armed(self) -> bool:
+        """Whether the actuators are on."""
+        return self._pilot.armed
+
+    @property
+    def mode(self) -> str:
+        """The mode now flown, in the firmware's words."""
+        return self._pilot.mode_name
+
+    @property
+    def bad_packets(self) -> int:
+        """Pieces of input that were no good MAVLink packet."""
+        return self._pilot.link.bad_packets
+
+    @property
+    def ignored(self) -> dict[str, int]:
+        """Messages that the firmware silently dropped, by reason."""
+        return dict(self._pilot.ignored)
+
+    def parameter(self, name: str) -> float:
+        """The value of a firmware parameter.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        return self._pilot.parameters[name]
+
+    # --- inside -----------------------------------------------------------------------------------------
+
+    def _run_to(self, now_ns: int) -> None:
+        """Do all that falls due until `now_ns`, each thing at its own instant."""
+        while self._next_ns <= now_ns:
+            due_ns = self._next_ns
+            self._integrate(due_ns)
+            boot_ns = self._next_boot_ns
+            pilot = self._pilot
+            pilot.now_ns = boot_ns
+            if boot_ns >= self._wake_boot_ns:
+                pilot.wake()
+                self._wake_boot_ns = pilot.next_wake_ns()
+                self._command = pilot.command(self._state)
+            message_ids = pilot.streams.due(boot_ns // _MS)
+            if message_ids:
+                pilot.stream(message_ids, self._sample(boot_ns))
+            self._plan(keep_wake=True)
+
+    def _plan(self, *, keep_wake: bool = False) -> None:
+        """Find the next instant: a stream's or the firmware's own."""
+        if not keep_wake:
+            self._wake_boot_ns = self._pilot.next_wake_ns()
+        boot_ns = self._wake_boot_ns
+        stream_ms = self._pilot.streams.next_ms()
+        if stream_ms is not None and stream_ms * _MS < boot_ns:
+            boot_ns = stream_ms * _MS
+        self._next_boot_ns = boot_ns
+        self._next_ns = max(self._clock.when(boot_ns), self._state_ns)
+
+    def _integrate(self, to_ns: int) -> None:
+        self._state = self._at(to_ns)
+        self._state_ns = to_ns
+
+    def _at(self, now_ns: int) -> PlantState:
+        return step(self._plant_parameters, self._state, self._command, (now_ns - self._state_ns) * 1e-9)
+
+    def _sample(self, boot_ns: int) -> Sample:
+        options = self.options
+        return Sample(
+            boot_ns,
+            self._state,
+            options.origin,
+            self._dice,
+            options.position_noise_m,
+            options.attitude_noise_rad,
+        )

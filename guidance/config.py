@@ -8,28 +8,29 @@ from speed to thrust must be written down. Errors name key, line, value and what
 from __future__ import annotations
 
 import math
-import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Final, Literal
 from urllib.parse import urlsplit
 
 import msgspec
 from msgspec import Meta
 
+from guidance.checking import ConfigError as ConfigError  # raised here, so found here
+from guidance.checking import Places, Problem, named, override, problems, shown
 from guidance.law import Gains, Limits
-from guidance.trajectory import Trajectory
+from guidance.trajectory import Trajectory, sample
 
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="letters, digits, _ . -")]
+#: So much of a trajectory is held against the limits.
+_LOOKED_AT_S: Final = 300
+_ROUNDING: Final = 1.0 + 1e-9
+
+Name = Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_.-]{1,64}\Z", description="1 to 64 letters, digits, _ . -")]
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
-Timeout = Annotated[float, Meta(gt=0.0, le=10.0)]
+Timeout = Annotated[float, Meta(ge=0.05, le=2.0)]
 SystemId = Annotated[int, Meta(ge=1, le=255)]
-
-
-class ConfigError(Exception):
-    """The operator's configuration is refused; the text says what, where, and what is allowed."""
 
 
 class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,9 +56,6 @@ class Link(_Section, frozen=True, kw_only=True):
     position_timeout_s: Timeout
     heartbeat_timeout_s: Annotated[float, Meta(ge=1.5, le=30.0)] = 3.0
     actuation_delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
-
-    def __post_init__(self) -> None:
-        parse_connection(self.connection)
 
 
 class SupervisorConfig(_Section, frozen=True, kw_only=True):
@@ -92,10 +90,6 @@ class LimitsConfig(_Section, frozen=True, kw_only=True):
     pitch_rate_max_rad_s: NonNegative
     yaw_rate_max_rad_s: Positive
 
-    def __post_init__(self) -> None:
-        if self.speed_min_m_s >= self.speed_max_m_s:
-            raise ValueError("speed_min_m_s must be below speed_max_m_s")
-
     def limits(self) -> Limits:
         """As the law takes them."""
         return Limits(
@@ -110,7 +104,10 @@ class LimitsConfig(_Section, frozen=True, kw_only=True):
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
 Altitude = Annotated[float, Meta(ge=-12000.0, le=60000.0)]
-Origin = Literal["ekf", "home", "engage"] | tuple[Latitude, Longitude, Altitude]
+Origin = Annotated[
+    Literal["ekf", "home", "engage"] | tuple[Latitude, Longitude, Altitude],
+    Meta(description="latitude -90 to 90 deg, longitude -180 to 180 deg, altitude -12000 to 60000 m AMSL"),
+]
 
 
 class Flight(_Section, frozen=True, kw_only=True):
@@ -163,16 +160,23 @@ class Connection(msgspec.Struct, frozen=True):
 def parse_connection(text: str) -> Connection:
     """`udpin://HOST:PORT` or `udpout://HOST:PORT`; ValueError says what is wrong."""
     expected = "expected udpin://HOST:PORT (listen) or udpout://HOST:PORT (connect)"
-    parts = urlsplit(text)
+    try:
+        parts = urlsplit(text)
+    except ValueError:  # half an IPv6 address
+        raise ValueError(expected) from None
+    if parts.scheme not in ("udpin", "udpout") or not parts.hostname:
+        raise ValueError(expected)
+    if parts.path or parts.query or parts.fragment or "@" in parts.netloc:
+        raise ValueError(f"nothing may follow the port; {expected}")
     try:
         port = parts.port
     except ValueError:
-        raise ValueError(f"connection {text!r}: the port must be 0 to 65535; {expected}") from None
-    if parts.scheme not in ("udpin", "udpout") or not parts.hostname or port is None or parts.path:
-        raise ValueError(f"connection {text!r}: {expected}")
+        raise ValueError(f"the port must be a number from 0 to 65535; {expected}") from None
+    if port is None:
+        raise ValueError(f"the port is missing; {expected}")
     scheme: Literal["udpin", "udpout"] = "udpin" if parts.scheme == "udpin" else "udpout"
     if scheme == "udpout" and port == 0:
-        raise ValueError(f"connection {text!r}: port 0 is only for listening; {expected}")
+        raise ValueError(f"port 0 is only for listening; {expected}")
     return Connection(scheme, parts.hostname, port)
 
 
@@ -184,6 +188,8 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Config:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text (byte {error.start})") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
     return parse(text, str(path), overrides)
 
 
@@ -191,12 +197,30 @@ def parse(text: str, where: str, overrides: Sequence[str] = ()) -> Config:
     """Like `load`, from the text of a file named `where`."""
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise ConfigError(f"{where}: not valid TOML: nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
         raise ConfigError(f"{where}: not valid TOML: {error}") from None
-    for override in overrides:
-        _override(data, override)
-    config = _convert(data, where, text)
-    _check_across(config, where)
+    overridden: dict[str, str] = {}
+    for setting in overrides:
+        overridden[override(data, setting)] = setting
+    places = Places(where, text)
+
+    def said(problem: Problem) -> str:
+        path = problem.key.split(".")
+        for length in range(len(path), 0, -1):
+            setting = overridden.get(".".join(path[:length]))
+            if setting is not None:
+                return f"{named(setting)}: {problem.key}{problem.text}"
+        return f"{places.of(problem.key)}: {problem.key}{problem.text}"
+
+    found = list(problems(data, Config))
+    config: Config | None = None
+    if not found:
+        config = msgspec.convert(data, type=Config)
+        found = list(_conflicts(config))
+    if config is None or found:
+        raise ConfigError("\n".join(map(said, found)))
     return config
 
 
@@ -204,7 +228,7 @@ def from_json(data: str) -> Config:
     """The configuration in a log's session record; raises ConfigError if it is of another make."""
     try:
         return msgspec.json.decode(data, type=Config)
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise ConfigError(f"the configuration in the log: {error}") from None
 
 
@@ -213,76 +237,59 @@ def to_json(config: Config) -> str:
     return msgspec.json.encode(config).decode()
 
 
-def _override(data: dict[str, Any], override: str) -> None:
-    key, equals, value_text = override.partition("=")
-    path = key.strip().split(".")
-    if not equals or not all(path):
-        raise ConfigError(f"--set {override}: expected KEY=VALUE with a dotted key, such as law.k=1.0")
+def _conflicts(config: Config) -> Iterator[Problem]:
+    """What no single key can tell: settings that contradict each other or cannot fly."""
+    link, law, limits = config.link, config.law, config.limits
     try:
-        value = tomllib.loads(f"value = {value_text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = value_text.strip()  # a bare word is a string
-    table = data
-    for part in path[:-1]:
-        below = table.setdefault(part, {})
-        if not isinstance(below, dict):
-            raise ConfigError(f"--set {override}: {part} is a value, not a table")
-        table = below
-    if path == ["trajectory", "name"] and data["trajectory"].get("name") != value:
-        data["trajectory"] = {"name": value}  # another trajectory's parameters mean nothing to this one
+        parse_connection(link.connection)
+    except ValueError as error:
+        yield Problem("link.connection", f" = {shown(link.connection)}: {error}")
+    rates = {"rho2_per_s": law.rho2_per_s, "rho3_per_s": law.rho3_per_s, "k": law.k / law.beta}
+    for key, rate in rates.items():
+        # A setpoint acts for a whole period: from 1 on it takes the error past zero, from 2 on it grows.
+        if rate >= link.rate_hz:
+            yield Problem(
+                f"law.{key}",
+                f" = {shown(getattr(law, key))}: {'k / beta' if key == 'k' else key} times the period of "
+                f"link.rate_hz = {link.rate_hz:g} is {rate / link.rate_hz:.3g}: must be below 1 to be stable",
+            )
+    if limits.speed_min_m_s >= limits.speed_max_m_s:
+        yield Problem(
+            "limits.speed_min_m_s",
+            f" = {limits.speed_min_m_s:g}: must be below speed_max_m_s = {limits.speed_max_m_s:g}",
+        )
     else:
-        table[path[-1]] = value
+        yield from _infeasible(config)
 
 
-def _convert(data: dict[str, Any], where: str, text: str) -> Config:
-    for key, value in _leaves(data):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(f"{_place(where, text, key)}: {key} = {value}: must be a finite number")
-    try:
-        return msgspec.convert(data, type=Config)
-    except msgspec.ValidationError as error:
-        message, _, path = str(error).partition(" - at `$")
-        dotted = re.sub(r"\[\.\.\.\]|\[\d+\]", "", path.strip("`.")).strip(".")
-        for field in re.findall(r"`([a-z_0-9]+)`", message)[-1:]:
-            if "field" in message:  # missing or unknown: the key stands in the message
-                dotted = f"{dotted}.{field}".strip(".")
-        found = dict(_leaves(data)).get(dotted)
-        shown = f" = {found!r}" if found is not None else ""
-        raise ConfigError(f"{_place(where, text, dotted)}: {dotted}{shown}: {message}") from None
-
-
-def _leaves(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        dotted = f"{above}.{key}".strip(".")
-        if isinstance(value, Mapping):
-            yield from _leaves(value, dotted)
-        elif isinstance(value, list):
-            yield dotted, value
-            yield from ((dotted, item) for item in value)
-        else:
-            yield dotted, value
-
-
-def _place(where: str, text: str, dotted: str) -> str:
-    """`where:line` of a key, or of its table if the key is missing, or just `where`."""
-    *tables, key = dotted.split(".")
-    table, best = "", None
-    for number, line in enumerate(text.splitlines(), start=1):
-        header = re.match(r"\s*\[\s*([^\]]+?)\s*\]", line)
-        if header:
-            table = header[1]
-            if table == ".".join(tables) or table == dotted:
-                best = number
-        elif table == ".".join(tables) and re.match(rf"\s*{re.escape(key)}\s*=", line):
-            return f"{where}:{number}"
-    return where if best is None else f"{where}:{best}"
-
-
-def _check_across(config: Config, where: str) -> None:
-    """What no single key can tell."""
-    period_s = 1.0 / config.link.rate_hz
-    if config.link.attitude_timeout_s < period_s:
-        raise ConfigError(
-            f"{where}: link.attitude_timeout_s = {config.link.attitude_timeout_s}: shorter than one period "
-            f"of link.rate_hz ({period_s:.3f} s); no setpoint would ever be sent"
+def _infeasible(config: Config) -> Iterator[Problem]:
+    """A reference that no vehicle within these limits could follow, by its horizontal motion."""
+    limits, trajectory = config.limits, config.trajectory
+    name = str(trajectory.__struct_config__.tag)
+    moving = [sample(trajectory, 0.5 * i) for i in range(_LOOKED_AT_S * 2)]
+    speeds = [math.hypot(r.velocity.x, r.velocity.y) for r in moving]
+    fastest = min(limits.speed_max_m_s, config.vehicle.speed_at_full_thrust_m_s)
+    if max(speeds) > fastest * _ROUNDING:
+        yield Problem(
+            "trajectory.name",
+            f" = {shown(name)}: it moves at {max(speeds):.3g} m/s, and the vehicle at most at {fastest:g} "
+            "(limits.speed_max_m_s, vehicle.speed_at_full_thrust_m_s)",
+        )
+    elif min(speeds) * _ROUNDING < limits.speed_min_m_s:
+        yield Problem(
+            "trajectory.name",
+            f" = {shown(name)}: it moves at {min(speeds):.3g} m/s, and the vehicle never slower than "
+            f"limits.speed_min_m_s = {limits.speed_min_m_s:g}",
+        )
+    turns = [
+        abs(r.velocity.x * r.acceleration.y - r.velocity.y * r.acceleration.x) / (speed * speed)
+        for r, speed in zip(moving, speeds, strict=True)
+        if speed > 1e-6
+    ]
+    fastest_turn = math.hypot(limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
+    if max(turns, default=0.0) > fastest_turn * _ROUNDING:
+        yield Problem(
+            "trajectory.name",
+            f" = {shown(name)}: it turns at {max(turns):.3g} rad/s, and the vehicle at most at "
+            f"{fastest_turn:.3g} (limits.yaw_rate_max_rad_s, limits.pitch_rate_max_rad_s)",
         )

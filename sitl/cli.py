@@ -1,8 +1,9 @@
-"""The command line `sitl`: `sitl vehicle` runs the built-in vehicle as a process."""
+"""The command line `sitl`: the built-in vehicle as a process, and the benchmark."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 import sys
 import time
@@ -16,7 +17,7 @@ from sitl.vehicle import Firmware, Origin, VehicleOptions
 
 app = typer.Typer(
     name="sitl",
-    help="Software in the loop: the built-in vehicle.",
+    help="Software in the loop: the built-in vehicle and what flies against it.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -25,7 +26,7 @@ app = typer.Typer(
 
 @app.callback()
 def sitl() -> None:
-    """Software in the loop: the built-in vehicle."""
+    """Software in the loop: the built-in vehicle and what flies against it."""
 
 
 @app.command()
@@ -106,6 +107,28 @@ def vehicle(
     except (ValueError, OSError) as error:
         sys.stderr.write(f"sitl vehicle: {error}\n")
         raise typer.Exit(2) from None
+
+
+@app.command()
+def bench(
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
+) -> None:
+    """Measure lockstep, replay, law, time to the first setpoint and memory, beside their goals.
+
+    Exit status 0 only if every goal is met on this machine.
+    """
+    from sitl.bench import run as measure
+
+    figures = measure()
+    if as_json:
+        typer.echo(json.dumps([figure._asdict() for figure in figures]))
+    else:
+        for figure in figures:
+            verdict = "met" if figure.met else "MISSED"
+            typer.echo(
+                f"{figure.name:<34} {figure.value:10.3f} {figure.unit:<12} {figure.goal:<16} {verdict}"
+            )
+    raise typer.Exit(0 if all(figure.met for figure in figures) else 1)
 
 
 def main() -> None:

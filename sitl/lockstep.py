@@ -28,6 +28,9 @@ class Channel(NamedTuple):
     duplication: float = 0.0
 
 
+PERFECT: Final = Channel()
+
+
 class Lockstep:
     """A guide and a vehicle, and the virtual clock between them.
 
@@ -41,8 +44,8 @@ class Lockstep:
         vehicle: Vehicle,
         *,
         start_ns: int = SECOND,
-        to_guide: Channel = Channel(),
-        to_vehicle: Channel = Channel(),
+        to_guide: Channel = PERFECT,
+        to_vehicle: Channel = PERFECT,
         seed: int = 0,
         on_record: Callable[[Record], object] | None = None,
     ) -> None:
@@ -53,7 +56,7 @@ class Lockstep:
         self.setpoint_times_ns: list[int] = []
         self.to_guide = to_guide
         self.to_vehicle = to_vehicle
-        self._on_record = self.records.append if on_record is None else on_record
+        self.on_record: Callable[[Record], object] = self.records.append if on_record is None else on_record
         self._dice = random.Random(seed)
         self._order = 0
         self._in_flight: list[tuple[int, int, bool, bytes]] = []
@@ -109,7 +112,7 @@ class Lockstep:
         for record in self.guide.records():
             if isinstance(record, Packet) and record.data[7:10] == _SET_ATTITUDE_TARGET:
                 self.setpoint_times_ns.append(record.t_ns)
-            self._on_record(record)
+            self.on_record(record)
 
     def _send(self, data: bytes, channel: Channel, *, to_guide: bool) -> None:
         copies = 1

@@ -1,4 +1,4 @@
-"""The manners of ArduRover, as `field-notes` and the recordings tell them."""
+"""The manners of ArduRover, as its sources, measurements and recordings tell them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,12 @@ def yaw(peer: Peer) -> float:
         (YAW_RATE | 64, {"rates": (0.0, 0.0, 0.1), "thrust": 1.0}, 0.0, 0.0),
         (YAW_RATE, {"rates": (0.0, 0.0, math.nan), "thrust": 0.4}, 0.0, 0.0),
         # All rates unmasked and an attitude with another yaw: the yaw rate wins.
-        (0x00, {"q": attitude_from_euler(0.0, 0.0, 1.0), "rates": (0.0, 0.0, -0.2), "thrust": 0.2}, -0.2, 1.0),
+        (
+            0x00,
+            {"q": attitude_from_euler(0.0, 0.0, 1.0), "rates": (0.0, 0.0, -0.2), "thrust": 0.2},
+            -0.2,
+            1.0,
+        ),
         (HEADING, {"q": attitude_from_euler(0.0, 0.0, 0.1), "thrust": 0.2}, 0.2, 1.0),
     ],
 )
@@ -129,7 +134,7 @@ def test_do_set_mode(params: tuple[float, float], result: int, mode: str, text: 
     peer = Peer(Firmware.ARDUPILOT_ROVER)
     assert peer.command(176, *params) == [result]
     assert peer.vehicle.mode == mode
-    assert (peer.texts() or [None])[-1] == text
+    assert peer.texts() == ([] if text is None else [text])
 
 
 def test_set_mode_is_acknowledged_as_the_message_that_it_is() -> None:

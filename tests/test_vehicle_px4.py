@@ -1,4 +1,4 @@
-"""The manners of PX4 as a UUV, as `field-notes` and the recordings tell them."""
+"""The manners of PX4 as a UUV, as its sources, measurements and recordings tell them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ def test_setpoints_act_when_their_target_is_this_vehicle_or_everybody(
 def test_an_attitude_setpoint_is_reached() -> None:
     peer = px4_in_offboard()
     peer.stream(5.0, ATTITUDE, q=attitude_from_euler(0.2, -0.3, 2.5), thrust=0.0)
-    assert euler_from_attitude(peer.vehicle.truth().attitude_wxyz) == pytest.approx((0.2, -0.3, 2.5), abs=1e-3)
+    assert euler_from_attitude(peer.vehicle.truth().attitude_wxyz) == pytest.approx(
+        (0.2, -0.3, 2.5), abs=1e-3
+    )
 
 
 def test_full_thrust_is_the_speed_of_the_options() -> None:
@@ -176,7 +178,9 @@ def test_com_of_loss_t_is_obeyed_when_set_in_flight() -> None:
 
 def test_position_setpoints_are_proof_of_life_and_the_vehicle_stands() -> None:
     peer = px4_in_offboard()
-    target = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x5C7, *[0.0] * 3, 1.0, *[0.0] * 7)
+    target = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0x5C7, *[0.0] * 3, 1.0, *[0.0] * 7
+    )
     for _ in range(10):
         peer.send(target)
         peer.run(0.5)

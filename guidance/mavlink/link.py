@@ -31,6 +31,7 @@ from guidance.mavlink.messages import (
     Timesync,
 )
 from guidance.mavlink.profiles import command_long
+from guidance.mavlink.sequence import Order, SequenceWatch
 from guidance.mavlink.streams import Stream, Streams
 
 #: This component, as other MAVLink nodes see it.
@@ -41,12 +42,11 @@ _TIMESYNC_PERIOD_NS: Final = 100_000_000
 _REQUEST_PERIOD_NS: Final = 1_000_000_000
 _STREAM_PERIOD_NS: Final = 100_000_000
 _QUESTIONS_KEPT: Final = 16
-#: After this long without a frame a sequence number says nothing about order.
-_SEQUENCE_MEMORY_NS: Final = 200_000_000
-_LATE_MAX: Final = 8
 #: `time_boot_ms` this far back, in several messages running, is a reboot and not a late message.
 _REBOOT_BACK_MS: Final = 1000
 _REBOOT_AFTER: Final = 3
+#: A time may lie this far in the future, for what the clock filter does not know.
+FUTURE_NS: Final = 50_000_000
 
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 
@@ -77,7 +77,6 @@ class AutopilotLink:
         self.reader = FrameReader(stream=byte_stream)
         self.counters: Counter[str] = Counter()
         self.received = 0
-        self.lost = 0
         self.reboots = 0
         self.heartbeat: Heartbeat | None = None
         self.custom_mode: int | None = None  # from the newest of HEARTBEAT and CURRENT_MODE
@@ -89,9 +88,8 @@ class AutopilotLink:
         self._outbox: list[bytes] = []
         self._heartbeat_timeout_ns = round(heartbeat_timeout_s * 1e9)
         self._heartbeat_ns = 0
-        self._sequence: int | None = None
-        self._sequence_ns = 0
-        self._late_run = 0
+        self._sequence = SequenceWatch()
+        self._mode_number = -1
         self._newest_boot_ms: int | None = None
         self._back_run = 0
         self._questions: list[int] = []
@@ -122,14 +120,19 @@ class AutopilotLink:
         """The autopilot's messages in `data` that may be believed, in order."""
         accepted: list[Received] = []
         for frame in self.reader.feed(data):
-            if not frame.known or not self._is_autopilot(frame) or not self._in_order(frame, now_ns):
+            if not frame.known or not self._is_autopilot(frame):
                 continue
+            place = self._sequence.place(frame.sequence, now_ns)
+            if place.order is not Order.NEW:
+                self.counters[place.order.value] += 1
+                if place.order is Order.DUPLICATE:
+                    continue
             self.received += 1
             decode = DECODERS.get(frame.message_id)
             if decode is None:
                 continue
             body = decode(frame.payload)
-            if self._note(body, now_ns):
+            if self._note(body, place.number, now_ns):
                 accepted.append(Received(_NAMES[frame.message_id], body))
         return accepted
 
@@ -142,34 +145,25 @@ class AutopilotLink:
             return True
         return False
 
-    def _in_order(self, frame: Frame, now_ns: int) -> bool:
-        """Count losses by sequence number; refuse what was seen before or is overtaken."""
-        if self._sequence is not None and now_ns - self._sequence_ns <= _SEQUENCE_MEMORY_NS:
-            ahead = (frame.sequence - self._sequence) % 256
-            if ahead == 0 or ahead > 128:
-                self._late_run += 1
-                if self._late_run < _LATE_MAX:  # a run of them is a restarted counter, not a late packet
-                    self.counters["duplicate" if ahead == 0 else "out_of_order"] += 1
-                    return False
-            else:
-                self.lost += ahead - 1
-        self._late_run = 0
-        self._sequence = frame.sequence
-        self._sequence_ns = now_ns
-        return True
+    def _note(self, body: Body, number: int, now_ns: int) -> bool:
+        """Keep what the link itself needs; False for a message that must not be passed on.
 
-    def _note(self, body: Body, now_ns: int) -> bool:
-        """Keep what the link itself needs; False for a message that must not be passed on."""
+        State carries its own time and TIMESYNC its question; only the mode needs the order of the frames.
+        """
         if isinstance(body, AttitudeQuaternion | LocalPositionNed | Attitude):
-            return self._boot_time(body.time_boot_ms)
+            return self._boot_time(body.time_boot_ms, now_ns)
         if isinstance(body, Heartbeat):
             if body.autopilot == dialect.MAV_AUTOPILOT_INVALID:
                 self.counters["not_an_autopilot"] += 1
+                return False
+            if self._overtaken(number):
                 return False
             self.heartbeat = body
             self._heartbeat_ns = now_ns
             self.custom_mode = body.custom_mode
         elif isinstance(body, CurrentMode):
+            if self._overtaken(number):
+                return False
             self.custom_mode = body.custom_mode
             self.intended_mode = body.intended_custom_mode
         elif isinstance(body, Timesync):
@@ -185,7 +179,19 @@ class AutopilotLink:
             self._next_stream_ns = now_ns
         return True
 
-    def _boot_time(self, boot_ms: int) -> bool:
+    def _overtaken(self, number: int) -> bool:
+        """Whether a newer word on the mode has come already."""
+        if number < self._mode_number:
+            self.counters["overtaken_mode"] += 1
+            return True
+        self._mode_number = number
+        return False
+
+    def _boot_time(self, boot_ms: int, now_ns: int) -> bool:
+        """Follow the autopilot's time since boot; False for a time that cannot be."""
+        if self.clock.synced(now_ns) and self.clock.to_local_ns(boot_ms * 1_000_000) > now_ns + FUTURE_NS:
+            self.counters["from_the_future"] += 1  # believing it would make all that follows look old
+            return False
         if self._newest_boot_ms is not None and boot_ms < self._newest_boot_ms - _REBOOT_BACK_MS:
             self._back_run += 1
             if self._back_run < _REBOOT_AFTER:
@@ -305,7 +311,7 @@ class AutopilotLink:
             autopilot_version="" if version is None else _version(version.flight_sw_version),
             autopilot_uid="" if version is None else f"{version.uid:016x}",
             received=self.received,
-            lost=self.lost,
+            lost=self._sequence.lost,
             reboots=self.reboots,
             round_trip_s=self.clock.round_trip_s,
             clock_offset_ns=self.clock.offset_ns(now_ns) if known else None,

@@ -18,7 +18,7 @@ import msgspec
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Metadata
+from mcap.records import Channel, Chunk, Metadata, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
 from guidance.records import SCHEMA_VERSION, Record
@@ -133,6 +133,10 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
             yield from reader.messages(offset, _PREFIX.pack(opcode, len(body)) + body)
         elif opcode == Opcode.METADATA and _parse(path, offset, Metadata.read, body).name == METADATA_NAME:
             reader.numbered = True
+        elif opcode == Opcode.STATISTICS and reader.numbered:
+            missing = _parse(path, offset, Statistics.read, body).message_count - reader.count
+            if missing:
+                raise LogDamaged(path, offset, f"the last {missing} messages are missing")
 
 
 class _ChunkReader:
@@ -141,7 +145,7 @@ class _ChunkReader:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._channels: dict[int, str] = {}
-        self._sequence = 0
+        self.count = 0
         #: Our recorder numbers the messages of a file; a number that is missing betrays a chunk that is.
         self.numbered = False
 
@@ -168,9 +172,9 @@ class _ChunkReader:
                 raise LogDamaged(path, offset, "a record is shorter than its kind must be") from error
             except KeyError as error:
                 raise LogDamaged(path, offset, f"channel {error} was never declared") from error
-            self._sequence += 1
-            if numbered and sequence != self._sequence & 0xFFFFFFFF:
-                raise LogDamaged(path, offset, f"message {self._sequence} is missing")
+            self.count += 1
+            if numbered and sequence != self.count & 0xFFFFFFFF:
+                raise LogDamaged(path, offset, f"message {self.count} is missing")
             yield topic, data[body + _MESSAGE.size : position]
 
 
@@ -184,25 +188,32 @@ def _unpack_chunk(path: Path, offset: int, body: bytes) -> bytes:
 
 
 def _outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
-    """Opcode, offset and body of each record up to the end of the data section; the summary is not needed."""
+    """Opcode, offset and body of each record up to the statistics; a summary that is cut does no harm."""
     size = path.stat().st_size
     offset = len(_MAGIC)
+    data_ended = False
     with path.open("rb") as file:
         file.seek(offset)
         while True:
             head = file.read(_PREFIX.size)
             if len(head) < _PREFIX.size:
+                if data_ended:
+                    return
                 raise LogDamaged(path, offset, "it was not closed: the recorder was interrupted here")
             opcode, length = _PREFIX.unpack(head)
             if opcode == Opcode.DATA_END and length == _DATA_END_BYTES:
-                return
+                data_ended = True
             if opcode == 0:
                 raise LogDamaged(path, offset, "no record begins here")
             if length > size - offset - _PREFIX.size:
+                if data_ended:
+                    return
                 raise LogDamaged(
                     path, offset, "the file ends within a record: the recorder was interrupted here"
                 )
             yield opcode, offset, file.read(length)
+            if data_ended and opcode in (Opcode.STATISTICS, Opcode.FOOTER):
+                return
             offset += _PREFIX.size + length
 
 

@@ -6,6 +6,7 @@ two for one DO_SET_MODE, the first always positive. Each step has a deadline, an
 
 from __future__ import annotations
 
+from enum import Enum, auto
 from typing import Final, NamedTuple
 
 from guidance.config import SupervisorConfig
@@ -16,8 +17,10 @@ from guidance.supervisor import Event, State, transition
 ESTABLISHED_AFTER: Final = 10
 #: How long the exit mode is commanded on shutdown.
 LEAVE_S: Final = 1.0
-#: After a refusal on the ground, `engage = "auto"` tries again.
+#: After a refusal on the ground it is tried again.
 RETRY_S: Final = 5.0
+#: Silence while tracking: more than this hands over, or half the firmware's own time-out if that is less.
+INTERRUPTED_S: Final = 0.75
 
 _COMMAND_PERIOD_NS: Final = 1_000_000_000
 _LEAVE_PERIOD_NS: Final = 200_000_000
@@ -59,19 +62,24 @@ class Engagement:
         self._config = config
         self.profile = profile
         self._control = profile.control_mode.custom_mode
-        self._auto_spent = False
+        self._exit_mode = profile.mode(config.exit_mode)  # known: checked with the configuration
+        self._auto = _Auto.MAY_ENGAGE
         self._requested_until_ns = 0
         self._previous_mode: int | None = None
+        self._mode_at_entry: int | None = None
         self._was_armed = False
+        self._armed_ns = 0
         self._sent_at_entry = 0
-        self._command_ns = 0
+        self._commanded_ns: int | None = None
         self._shutdown = False
 
     # Commands of the operator ------------------------------------------------------------------------
 
     def engage(self, now_ns: int) -> str | None:
         """The operator commands to engage; why that is refused, None if it is not."""
-        if self.state in (State.DISCONNECTED, State.LEAVING, State.FINISHED):
+        if self._shutdown:
+            return "engage refused: the service is shutting down"
+        if self.state is State.DISCONNECTED:
             return f"engage refused: {self.state}: {self.reason}"
         if self.state in (State.STREAMING, State.SWITCHING, State.ARMING, State.TRACKING):
             return f"engage ignored: already {self.state}"
@@ -90,37 +98,45 @@ class Engagement:
         while (happening := self._happening(view, now_ns)) is not None:
             event, reason = happening
             before, after = self.state, transition(self.state, event)
-            if event is Event.COMMANDED or event is Event.ENGAGE:
-                self._auto_spent = False
-            if after is State.HANDED_OVER:
-                self._auto_spent = True
             if after is before:
                 break
             self.state, self.reason, self.since_ns = after, reason, now_ns
-            self._sent_at_entry = view.setpoints_sent
-            self._was_armed = bool(view.armed)
-            self._command_ns = 0
+            self._entered(event, view, now_ns)
             changes.append(Change(before, after, event, reason))
-        self._previous_mode = view.custom_mode
+        # A switch is fresh only if it was seen: not one made while the link was down.
+        self._previous_mode = view.custom_mode if view.connected else None
         return changes
+
+    def _entered(self, event: Event, view: View, now_ns: int) -> None:
+        """What must be remembered of the instant at which a state began."""
+        if event is Event.ENGAGE:
+            self._auto = _Auto.MAY_ENGAGE
+        if self.state is State.HANDED_OVER:
+            self._auto = _Auto.HANDED_OVER
+        if self.state not in (State.CONNECTED, State.READY):
+            self._requested_until_ns = 0  # obeyed, or overtaken: a command never acts twice
+        self._mode_at_entry = view.custom_mode
+        self._was_armed = bool(view.armed)
+        self._armed_ns = now_ns
+        self._sent_at_entry = view.setpoints_sent
+        self._commanded_ns = None
 
     def due_command(self, view: View, now_ns: int) -> Mode | bool | None:
         """A mode to command now, True to arm, None for nothing; repeated until it is seen to have worked."""
-        wanted: Mode | bool
         period_ns = _COMMAND_PERIOD_NS
+        wanted: Mode | bool | None = None
         if self.state is State.SWITCHING:
             wanted = self.profile.control_mode
-        elif self.state is State.ARMING and self._config.arm and not view.armed:
+        elif self.state is State.ARMING and self._config.arm and not view.armed and view.blocked is None:
             wanted = True
-        elif self.state is State.LEAVING:
-            exit_mode = self.profile.mode(self._config.exit_mode)
-            assert exit_mode is not None  # checked with the configuration
-            wanted, period_ns = exit_mode, _LEAVE_PERIOD_NS
-        else:
+        elif self.state is State.LEAVING or (
+            # A mode that somebody else chose is left alone.
+            self.state is State.BACKING_OUT and view.custom_mode == self._control
+        ):
+            wanted, period_ns = self._exit_mode, _LEAVE_PERIOD_NS
+        if wanted is None or (self._commanded_ns is not None and now_ns - self._commanded_ns < period_ns):
             return None
-        if self._command_ns and now_ns - self._command_ns < period_ns:
-            return None
-        self._command_ns = now_ns
+        self._commanded_ns = now_ns
         return wanted
 
     def _happening(self, view: View, now_ns: int) -> tuple[Event, str] | None:
@@ -129,7 +145,7 @@ class Engagement:
             return None
         if state is not State.DISCONNECTED and not view.connected:
             return Event.LOST, view.lost_because
-        if self._shutdown and state is not State.LEAVING:
+        if self._shutdown and state not in (State.LEAVING, State.BACKING_OUT):
             return Event.SHUTDOWN, "the service was told to stop"
         match state:
             case State.DISCONNECTED:
@@ -138,10 +154,14 @@ class Engagement:
                 return self._when_withheld(view, now_ns)
             case State.CONNECTED | State.READY:
                 return self._before_engaging(view, now_ns)
-            case State.STREAMING | State.SWITCHING | State.ARMING:
-                return self._engaging(view, now_ns)
-            case State.TRACKING | State.LEAVING:
-                return self._in_control(view, now_ns)
+            case State.STREAMING | State.SWITCHING:
+                return self._unasked(view, now_ns) or self._engaging(view, now_ns)
+            case State.ARMING:
+                return self._unasked(view, now_ns) or self._arming(view, now_ns)
+            case State.TRACKING:
+                return self._unasked(view, now_ns) or self._interrupted(view, now_ns)
+            case State.BACKING_OUT | State.LEAVING:
+                return self._leaving(view, now_ns) or self._unasked(view, now_ns)
             case State.HANDED_OVER | State.ABORTED:
                 return self._out_of_control(view, now_ns)
 
@@ -154,11 +174,13 @@ class Engagement:
 
     def _when_withheld(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         if view.intended_mode == self._control or view.custom_mode == self._control:
-            self._auto_spent = True  # somebody flew it: `auto` must not take it back from whoever has it then
+            # Somebody flew it: `auto` must not take it from whoever has it then.
+            self._auto = _Auto.FOUND_FLYING if self._auto is _Auto.MAY_ENGAGE else self._auto
         if now_ns < self._requested_until_ns:
             return Event.COMMANDED, "the operator commands"
         if not view.armed:
-            self._auto_spent = False
+            # Down, and not by a hand-over in this run: as good as found disarmed.
+            self._auto = _Auto.MAY_ENGAGE if self._auto is _Auto.FOUND_FLYING else self._auto
             return Event.RELEASED, "the vehicle is disarmed"
         if not self._may_obey(view):
             return Event.RELEASED, f"the vehicle was taken out of {self.profile.control_mode.name}"
@@ -174,58 +196,66 @@ class Engagement:
         if self._switched(view):
             return Event.PILOT_SWITCHED, f"the pilot switched to {self.profile.control_mode.name}"
         if now_ns < self._requested_until_ns:
-            self._requested_until_ns = 0
             return Event.ENGAGE, "the operator commands"
-        if self._config.engage == "auto" and not self._auto_spent:
+        if self._may_auto():
             return Event.ENGAGE, 'engage = "auto"'
         self.reason = self._waiting_for(view)
         return None
 
+    def _unasked(self, view: View, now_ns: int) -> tuple[Event, str] | None:
+        """The mode was changed or the vehicle disarmed, and not by this service: the pilot wins."""
+        expected: set[int | None] = {self._control}
+        if self.state in (State.STREAMING, State.SWITCHING, State.BACKING_OUT):
+            expected.add(self._mode_at_entry)
+        elif self.state is State.LEAVING and self._exit_mode is not None:
+            expected.add(self._exit_mode.custom_mode)
+        if view.custom_mode not in expected:
+            return Event.MODE_LEFT, f"the mode was changed to {self._name(view.custom_mode)}"
+        if self._was_armed and not view.armed:
+            return Event.DISARMED, "the vehicle was disarmed"
+        if view.armed and not self._was_armed:
+            self._was_armed, self._armed_ns = True, now_ns
+        return None
+
     def _engaging(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         mode = self.profile.control_mode
-        late = (now_ns - self.since_ns) * 1e-9 > self._config.step_timeout_s
-        answer = f"; its answer: {view.answer}" if view.answer else ""
+        late = self._late(self.since_ns, now_ns)
         if self.state is State.STREAMING:
             if self._switched(view):
                 return Event.PILOT_SWITCHED, f"the pilot switched to {mode.name}"
             if view.setpoints_sent - self._sent_at_entry >= ESTABLISHED_AFTER:
                 return Event.STREAM_ESTABLISHED, f"commanding {mode.name}"
             return _timeout(late, f"no stream of setpoints: {view.blocked or 'none sent'}")
-        if self.state is State.SWITCHING:
-            if view.custom_mode == mode.custom_mode:
-                return Event.MODE_CONFIRMED, f"{mode.name} confirmed"
-            return _timeout(late, f"the autopilot does not enter {mode.name}{answer}")
-        if view.custom_mode != mode.custom_mode:
-            return Event.MODE_LEFT, f"the mode was changed to {self._name(view.custom_mode)}"
-        if self._was_armed and not view.armed:
-            return Event.DISARMED, "the vehicle was disarmed"
-        self._was_armed = bool(view.armed)
-        if view.armed and view.blocked is None:
-            return Event.IN_CONTROL, f"{mode.name} and armed, confirmed"
+        if view.custom_mode == mode.custom_mode:
+            return Event.MODE_CONFIRMED, f"{mode.name} confirmed"
+        return _timeout(late, f"the autopilot does not enter {mode.name}{_answered(view)}")
+
+    def _arming(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         if view.armed:
-            return _timeout(late, view.blocked or "")
+            if view.blocked is None:
+                return Event.IN_CONTROL, f"{self.profile.control_mode.name} and armed, confirmed"
+            return _timeout(self._late(self._armed_ns, now_ns), view.blocked)
         if self._config.arm:
-            return _timeout(late, f"the autopilot does not arm{answer}")
+            self.reason = view.blocked or "commanding to arm"
+            why = view.blocked or f"the autopilot does not arm{_answered(view)}"
+            return _timeout(self._late(self.since_ns, now_ns), why)
         self.reason = "waiting for the pilot to arm"
         return None
 
-    def _in_control(self, view: View, now_ns: int) -> tuple[Event, str] | None:
-        if self.state is State.LEAVING:
-            exit_mode = self.profile.mode(self._config.exit_mode)
-            if exit_mode is not None and view.custom_mode == exit_mode.custom_mode:
-                return Event.LEFT, f"{exit_mode.name} confirmed"
-            if (now_ns - self.since_ns) * 1e-9 > LEAVE_S:
-                return Event.LEFT, f"{self._config.exit_mode} not seen within {LEAVE_S} s"
-            if not self._was_armed:
-                return None  # shut down while engaging: the mode may not be reached yet
-        if view.custom_mode != self._control:
-            return Event.MODE_LEFT, f"the mode was changed to {self._name(view.custom_mode)}"
-        if not view.armed:
-            return Event.DISARMED, "the vehicle was disarmed"
+    def _interrupted(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         silent_s = min(view.silent_s, (now_ns - self.since_ns) * 1e-9)
-        if silent_s > 0.5 * self.profile.stream_timeout_s:
+        if silent_s > min(INTERRUPTED_S, 0.5 * self.profile.stream_timeout_s):
             why = f" ({view.blocked})" if view.blocked else ""
             return Event.INTERRUPTED, f"no setpoint for {silent_s:.2f} s{why}"
+        return None
+
+    def _leaving(self, view: View, now_ns: int) -> tuple[Event, str] | None:
+        left = self._exit_mode is not None and view.custom_mode == self._exit_mode.custom_mode
+        # Backing out of the exit mode itself, a command to leave it may still be on its way.
+        if left and (self.state is State.LEAVING or view.custom_mode != self._mode_at_entry):
+            return Event.LEFT, f"{self._config.exit_mode} confirmed"
+        if now_ns - self.since_ns >= round(LEAVE_S * 1e9):
+            return Event.LEFT, f"{self._config.exit_mode} not confirmed within {LEAVE_S:g} s"
         return None
 
     def _out_of_control(self, view: View, now_ns: int) -> tuple[Event, str] | None:
@@ -239,11 +269,17 @@ class Engagement:
                 return Event.RELEASED, "the vehicle is disarmed and in another mode"
             return None
         waited = (now_ns - self.since_ns) * 1e-9 > RETRY_S
-        if waited and self._config.engage == "auto" and not self._auto_spent and not view.armed:
+        if waited and not view.armed and (self._may_auto() or not self._may_obey(view)):
             return Event.RETRY, "trying again"
         return None
 
     # Small judgements --------------------------------------------------------------------------------
+
+    def _may_auto(self) -> bool:
+        return self._config.engage == "auto" and self._auto is _Auto.MAY_ENGAGE
+
+    def _late(self, since_ns: int, now_ns: int) -> bool:
+        return (now_ns - since_ns) * 1e-9 > self._config.step_timeout_s
 
     def _switched(self, view: View) -> bool:
         """The mode has just become the control mode."""
@@ -269,12 +305,26 @@ class Engagement:
 
     def _waiting_for(self, view: View) -> str:
         mode = self.profile.control_mode.name
+        if self._may_auto():
+            return "every condition is met"
         if view.custom_mode == self._control:
-            return f"ready; already in {mode}: leave it and switch again, or command engage"
-        return f"ready; waiting for the pilot to switch to {mode}"
+            return f"already in {mode}: leave it and switch again, or command engage"
+        return f"waiting for the pilot to switch to {mode}"
 
     def _name(self, custom_mode: int | None) -> str:
         return "unknown" if custom_mode is None else self.profile.mode_name(custom_mode)
+
+
+class _Auto(Enum):
+    """What has become of `engage = "auto"`."""
+
+    MAY_ENGAGE = auto()
+    FOUND_FLYING = auto()  # spent until the vehicle is disarmed
+    HANDED_OVER = auto()  # spent until the operator commands
+
+
+def _answered(view: View) -> str:
+    return f"; its answer: {view.answer}" if view.answer else ""
 
 
 def _timeout(late: bool, reason: str) -> tuple[Event, str] | None:

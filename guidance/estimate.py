@@ -39,6 +39,7 @@ PREFERRED_NS: Final = 500_000_000
 SPEED_MAX_M_S: Final = 1000.0
 RATE_MAX_RAD_S: Final = 100.0
 POSITION_MAX_M: Final = 1e7
+ANGLE_MAX_RAD: Final = 2.0 * math.pi  # and so whatever half turn the autopilot counts from
 
 
 class AttitudeSample(NamedTuple):
@@ -109,8 +110,11 @@ class Estimator:
         preferred = self._quaternion
         if preferred is not None and now_ns - preferred.instant_ns < PREFERRED_NS:
             return "not_needed"
-        if not is_finite(Vec3(message.roll, message.pitch, message.yaw)):
+        angles = Vec3(message.roll, message.pitch, message.yaw)
+        if not is_finite(angles):
             return "not_finite"
+        if _largest(angles) > ANGLE_MAX_RAD:
+            return "absurd"
         rates = Vec3(message.rollspeed, message.pitchspeed, message.yawspeed)
         q = from_euler(message.roll, message.pitch, message.yaw)
         sample = AttitudeSample(instant_ns, message.time_boot_ms, q, rates, "ATTITUDE")

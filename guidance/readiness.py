@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pymavlink.dialects.v20 import all as dialect
+
 from guidance.config import Config, Link
 from guidance.estimate import Estimate
 from guidance.mavlink.link import AutopilotLink
@@ -45,8 +47,8 @@ def first_unmet(
         return "no heartbeat of the autopilot yet"
     if beat.autopilot != profile.autopilot or beat.type not in profile.vehicle_types:
         return (
-            f"the vehicle is not what profile {profile.name} is for "
-            f"(HEARTBEAT: autopilot {beat.autopilot}, type {beat.type}): set vehicle.profile"
+            f"{_enum_name('MAV_AUTOPILOT', beat.autopilot)} {_enum_name('MAV_TYPE', beat.type)} "
+            f"is not what vehicle.profile {profile.name} is for"
         )
     if not link.clock.synced(now_ns):
         return "the autopilot's clock is not known: waiting for its TIMESYNC answers"
@@ -67,6 +69,11 @@ def first_unmet(
         if error_m > limit_m:
             return f"{error_m:.1f} m from the start, engage_max_error_m is {limit_m:g}: go closer"
     return None
+
+
+def _enum_name(enum: str, value: int) -> str:
+    entry = dialect.enums[enum].get(value)
+    return f"{enum} {value}" if entry is None else str(entry.name)
 
 
 def _unusable(status: StreamStatus) -> str | None:

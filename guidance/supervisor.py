@@ -22,6 +22,7 @@ class State(StrEnum):
     SWITCHING = "switching"
     ARMING = "arming"
     TRACKING = "tracking"
+    BACKING_OUT = "backing-out"
     LEAVING = "leaving"
     HANDED_OVER = "handed-over"
     ABORTED = "aborted"
@@ -69,10 +70,51 @@ SETPOINTS: Final[dict[State, Setpoints]] = {
     State.SWITCHING: Setpoints.NEUTRAL,
     State.ARMING: Setpoints.NEUTRAL,
     State.TRACKING: Setpoints.LAW,
+    State.BACKING_OUT: Setpoints.NEUTRAL,
     State.LEAVING: Setpoints.LAW,  # fresh ones go on until the exit mode is seen
     State.HANDED_OVER: Setpoints.NONE,
     State.ABORTED: Setpoints.NONE,
     State.FINISHED: Setpoints.NONE,
+}
+
+#: Each state in words, for the generated table.
+MEANINGS: Final[dict[State, str]] = {
+    State.DISCONNECTED: "no heartbeat of the autopilot, or its arming and mode are not known yet",
+    State.CONNECTED: "the autopilot is heard; a condition for flying is not met",
+    State.WITHHELD: "found armed where a setpoint might act at once: left alone",
+    State.READY: "may engage; streams only to PX4, and only where that cannot take control",
+    State.STREAMING: "engaging, first step: setpoints are established",
+    State.SWITCHING: "engaging, second step: the control mode is commanded until it is seen",
+    State.ARMING: "engaging, third step: armed by command if so configured, else by the pilot",
+    State.TRACKING: "follows the trajectory",
+    State.BACKING_OUT: "stopped while engaging: commands the exit mode if the control mode is on",
+    State.LEAVING: "stopped while tracking: commands the exit mode until it is seen, 1 s at most",
+    State.HANDED_OVER: "somebody else has control",
+    State.ABORTED: "engaging did not work out",
+    State.FINISHED: "the service ends",
+}
+
+#: The cause of each event in words, for the generated table.
+CAUSES: Final[dict[Event, str]] = {
+    Event.FOUND: "heartbeats come; arming and mode are known",
+    Event.FOUND_IN_CONTROL: "the same, but armed, and the control mode is on, intended (PX4) or not excluded",
+    Event.LOST: "the heartbeat stopped, or the autopilot rebooted",
+    Event.RELEASED: "disarmed, or taken out of the control mode (after a hand-over: both)",
+    Event.CONDITIONS_MET: "right vehicle, clock, state streams, origin and distance to the start",
+    Event.CONDITIONS_LOST: "one of them is not met any more",
+    Event.ENGAGE: 'the operator commands, or `engage = "auto"` and nobody took control from it before',
+    Event.COMMANDED: "the operator commands to engage",
+    Event.PILOT_SWITCHED: "the pilot switches to the control mode",
+    Event.STREAM_ESTABLISHED: "10 setpoints were sent",
+    Event.MODE_CONFIRMED: "HEARTBEAT or CURRENT_MODE shows the control mode",
+    Event.IN_CONTROL: "armed in the control mode, every condition met",
+    Event.MODE_LEFT: "a mode that the service did not ask for",
+    Event.DISARMED: "disarmed without being asked",
+    Event.INTERRUPTED: "no setpoint could be sent for longer than the limit",
+    Event.STEP_TIMEOUT: "a step took longer than `step_timeout_s`",
+    Event.RETRY: 'on the ground, 5 s later, and `engage = "auto"` or out of the control mode',
+    Event.SHUTDOWN: "SIGTERM or SIGINT",
+    Event.LEFT: "the exit mode is seen, or 1 s has passed",
 }
 
 _S, _E = State, Event
@@ -98,6 +140,10 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
     (_S.SWITCHING, _E.STEP_TIMEOUT): _S.ABORTED,
     (_S.ARMING, _E.STEP_TIMEOUT): _S.ABORTED,
     # Not asked for: hand over at once and be silent.
+    (_S.STREAMING, _E.MODE_LEFT): _S.HANDED_OVER,
+    (_S.STREAMING, _E.DISARMED): _S.HANDED_OVER,
+    (_S.SWITCHING, _E.MODE_LEFT): _S.HANDED_OVER,
+    (_S.SWITCHING, _E.DISARMED): _S.HANDED_OVER,
     (_S.ARMING, _E.MODE_LEFT): _S.HANDED_OVER,
     (_S.ARMING, _E.DISARMED): _S.HANDED_OVER,
     (_S.TRACKING, _E.MODE_LEFT): _S.HANDED_OVER,
@@ -121,15 +167,19 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
     (_S.SWITCHING, _E.LOST): _S.HANDED_OVER,
     (_S.ARMING, _E.LOST): _S.HANDED_OVER,
     (_S.ABORTED, _E.LOST): _S.DISCONNECTED,
-    # The operator stops the service: the vehicle is put into the exit mode if it may be under control.
-    (_S.SWITCHING, _E.SHUTDOWN): _S.LEAVING,
-    (_S.ARMING, _E.SHUTDOWN): _S.LEAVING,
+    # The operator stops the service: a vehicle that is under control is put into the exit mode.
+    (_S.STREAMING, _E.SHUTDOWN): _S.BACKING_OUT,
+    (_S.SWITCHING, _E.SHUTDOWN): _S.BACKING_OUT,
+    (_S.ARMING, _E.SHUTDOWN): _S.BACKING_OUT,
     (_S.TRACKING, _E.SHUTDOWN): _S.LEAVING,
+    (_S.BACKING_OUT, _E.LEFT): _S.FINISHED,
+    (_S.BACKING_OUT, _E.MODE_LEFT): _S.FINISHED,
+    (_S.BACKING_OUT, _E.DISARMED): _S.FINISHED,
+    (_S.BACKING_OUT, _E.LOST): _S.FINISHED,
     (_S.LEAVING, _E.LEFT): _S.FINISHED,
     (_S.LEAVING, _E.MODE_LEFT): _S.FINISHED,
     (_S.LEAVING, _E.DISARMED): _S.FINISHED,
     (_S.LEAVING, _E.LOST): _S.FINISHED,
-    (_S.LEAVING, _E.INTERRUPTED): _S.FINISHED,
     **{
         (state, _E.SHUTDOWN): _S.FINISHED
         for state in (
@@ -137,7 +187,6 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
             _S.CONNECTED,
             _S.WITHHELD,
             _S.READY,
-            _S.STREAMING,
             _S.HANDED_OVER,
             _S.ABORTED,
         )
@@ -148,3 +197,19 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
 def transition(state: State, event: Event) -> State:
     """The state after `event`; the same state where the table has no row."""
     return TRANSITIONS.get((state, event), state)
+
+
+def table_markdown() -> str:
+    """The table for people: each state with what it streams and where every event leads, then the events."""
+    sent = {Setpoints.NONE: "nothing", Setpoints.NEUTRAL: "neutral", Setpoints.LAW: "the law's"}
+    lines = ["| state | setpoints | event → next state |", "| --- | --- | --- |"]
+    for state in State:
+        leads: dict[State, list[str]] = {}
+        for event in Event:
+            if (after := transition(state, event)) is not state:
+                leads.setdefault(after, []).append(f"`{event}`")
+        ways = "<br>".join(f"{', '.join(events)} → **{after}**" for after, events in leads.items())
+        lines.append(f"| **{state}**: {MEANINGS[state]} | {sent[SETPOINTS[state]]} | {ways or 'none'} |")
+    lines += ["", "| event | cause |", "| --- | --- |"]
+    lines += [f"| `{event}` | {CAUSES[event]} |" for event in Event]
+    return "\n".join(lines) + "\n"

@@ -1,13 +1,21 @@
 """Bytes to MAVLink frames and back: framing, checksums, sequence gaps; no decision about their content.
 
-The reader is written for hostile input: whatever arrives, it raises nothing, keeps at most one frame of
-bytes, and counts what it threw away. It resynchronises at the next start byte after a bad checksum instead
-of skipping the frame's claimed length, so that a damaged frame costs only itself. pymavlink's own parser is
-the oracle in the tests.
+The reader is written for hostile input. Its invariant, which the tests hold against arbitrary bytes:
+
+- it raises nothing, keeps less than one frame of bytes between calls and none of a datagram, and its work
+  is linear in what arrives;
+- a frame of a known id is handed out only if its checksum holds;
+- every byte is part of exactly one frame, counted as garbage, or kept for the next call. So a frame that
+  follows garbage is lost only where the garbage claims to be a frame of an id that the dialect does not
+  know, because its checksum cannot be computed; it is taken for one only up to another start byte.
+
+It resynchronises at the next start byte after a bad checksum instead of skipping the frame's claimed length,
+so that a damaged frame costs only itself. pymavlink's own parser is the oracle in the tests.
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import Any, Final, NamedTuple
 
@@ -18,6 +26,7 @@ from guidance.mavlink.messages import CRC_EXTRA
 
 START_V1: Final = 0xFE
 START_V2: Final = 0xFD
+_START: Final = re.compile(rb"[\xfd\xfe]")
 _SIGNED: Final = 0x01
 _SIGNATURE_BYTES: Final = 13
 _EXTRA: Final = {message_id: bytes([extra]) for message_id, extra in CRC_EXTRA.items()}
@@ -37,8 +46,10 @@ class Frame(NamedTuple):
 class FrameReader:
     """Splits a byte stream (serial, TCP) or datagrams (UDP) into frames.
 
-    With `stream=False` a frame never spans two calls: a cut datagram cannot swallow the next one.
-    `counters` holds `garbage_bytes`, `bad_checksum`, `truncated`, `unknown_message` and `unsupported_flags`.
+    With `stream=False` a frame never spans two calls: a cut datagram cannot swallow the next one. A stream
+    may hold a frame back until as many bytes have come as the garbage before it claims, at most 280.
+    `counters` holds `garbage_bytes`, the `unknown_message` frames, and, for each start byte that begins no
+    frame, why: `bad_checksum`, `truncated` or `unsupported_flags`.
     """
 
     def __init__(self, *, stream: bool = False) -> None:
@@ -65,14 +76,21 @@ class FrameReader:
                 position = self._skip(buffer, position)
             else:
                 frame = _frame(buffer, position)
+                after = position + length
+                if frame is not None and not frame.known:
+                    if after == end and self._stream:  # the next byte tells
+                        self._rest = buffer[position:]
+                        break
+                    if after < end and buffer[after] not in (START_V1, START_V2):
+                        frame = None
+                    else:
+                        self.counters["unknown_message"] += 1
                 if frame is None:
                     self.counters["bad_checksum"] += 1
                     position = self._skip(buffer, position)
-                    continue
-                if not frame.known:
-                    self.counters["unknown_message"] += 1
-                frames.append(frame)
-                position += length
+                else:
+                    frames.append(frame)
+                    position = after
         return frames
 
     def _length(self, buffer: bytes, position: int) -> int | None:
@@ -91,17 +109,10 @@ class FrameReader:
         return 12 + buffer[position + 1] + (_SIGNATURE_BYTES if flags & _SIGNED else 0)
 
     def _skip(self, buffer: bytes, position: int) -> int:
-        following = _next_start(buffer, position + 1)
+        found = _START.search(buffer, position + 1)
+        following = len(buffer) if found is None else found.start()
         self.counters["garbage_bytes"] += following - position
         return following
-
-
-def _next_start(buffer: bytes, position: int) -> int:
-    v2 = buffer.find(START_V2, position)
-    v1 = buffer.find(START_V1, position, v2 if v2 >= 0 else len(buffer))
-    if v1 >= 0:
-        return v1
-    return v2 if v2 >= 0 else len(buffer)
 
 
 def _frame(buffer: bytes, position: int) -> Frame | None:

@@ -1,7 +1,8 @@
 """The link to one autopilot: who it is, what it says of itself, its clock, and what was lost on the way.
 
 Only the autopilot component of the configured system is believed. Every other frame, and every frame that
-is damaged, repeated or late, is counted under a name and otherwise ignored.
+is damaged, repeated, or overtaken by a newer word on the same subject, is counted under a name and otherwise
+ignored.
 """
 
 from __future__ import annotations
@@ -42,12 +43,17 @@ _TIMESYNC_PERIOD_NS: Final = 100_000_000
 _REQUEST_PERIOD_NS: Final = 1_000_000_000
 _STREAM_PERIOD_NS: Final = 100_000_000
 _QUESTIONS_KEPT: Final = 16
-#: `time_boot_ms` this far back, in several messages running, is a reboot and not a late message.
+#: `time_boot_ms` this far back, in all messages of so long a time, is a reboot and no late message.
 _REBOOT_BACK_MS: Final = 1000
 _REBOOT_AFTER: Final = 3
+_REBOOT_AFTER_NS: Final = 200_000_000
+#: A clock that TIMESYNC finds set back by more than this belongs to an autopilot that rebooted.
+_REBOOT_STEP_S: Final = 1.0
 #: A time may lie this far in the future, for what the clock filter does not know.
 FUTURE_NS: Final = 50_000_000
 
+#: The command was neither carried out nor refused for good.
+_NO_VERDICT: Final = (dialect.MAV_RESULT_TEMPORARILY_REJECTED, dialect.MAV_RESULT_IN_PROGRESS)
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 
 
@@ -92,6 +98,7 @@ class AutopilotLink:
         self._mode_number = -1
         self._newest_boot_ms: int | None = None
         self._back_run = 0
+        self._back_since_ns = 0
         self._questions: list[int] = []
         self._next_heartbeat_ns = 0
         self._next_timesync_ns = 0
@@ -120,7 +127,7 @@ class AutopilotLink:
         """The autopilot's messages in `data` that may be believed, in order."""
         accepted: list[Received] = []
         for frame in self.reader.feed(data):
-            if not frame.known or not self._is_autopilot(frame):
+            if not self._is_autopilot(frame):
                 continue
             place = self._sequence.place(frame.sequence, now_ns)
             if place.order is not Order.NEW:
@@ -129,7 +136,7 @@ class AutopilotLink:
                     continue
             self.received += 1
             decode = DECODERS.get(frame.message_id)
-            if decode is None:
+            if decode is None:  # not read, perhaps not even known, but it had a sequence number all the same
                 continue
             body = decode(frame.payload)
             if self._note(body, place.number, now_ns):
@@ -174,7 +181,16 @@ class AutopilotLink:
             self.origin = body
         elif isinstance(body, HomePosition):
             self.home = body
-        elif isinstance(body, CommandAck) and body.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+        elif isinstance(body, CommandAck):
+            return self._acknowledged(body, now_ns)
+        return True
+
+    def _acknowledged(self, body: CommandAck, now_ns: int) -> bool:
+        """An answer to a command; False if the command was another component's (0: not said, or to all)."""
+        if body.target_system not in (0, self.system) or body.target_component not in (0, COMPONENT_ID):
+            self.counters["ack_for_another"] += 1
+            return False
+        if body.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and body.result not in _NO_VERDICT:
             self.streams.acknowledged(accepted=body.result == dialect.MAV_RESULT_ACCEPTED)
             self._next_stream_ns = now_ns
         return True
@@ -193,10 +209,13 @@ class AutopilotLink:
             self.counters["from_the_future"] += 1  # believing it would make all that follows look old
             return False
         if self._newest_boot_ms is not None and boot_ms < self._newest_boot_ms - _REBOOT_BACK_MS:
+            if self._back_run == 0:
+                self._back_since_ns = now_ns
             self._back_run += 1
-            if self._back_run < _REBOOT_AFTER:
+            if self._back_run < _REBOOT_AFTER or now_ns - self._back_since_ns < _REBOOT_AFTER_NS:
                 self.counters["time_backwards"] += 1
                 return False
+            self.clock.reset()
             self._rebooted()
         self._back_run = 0
         self._newest_boot_ms = max(boot_ms, self._newest_boot_ms or 0)
@@ -205,9 +224,9 @@ class AutopilotLink:
     def _rebooted(self) -> None:
         """The autopilot's clock started again: nothing that it said before holds any more."""
         self.reboots += 1
-        self.clock.reset()
         self._questions.clear()
         self._newest_boot_ms = None
+        self._back_run = 0
         self.heartbeat = None
         self.custom_mode = None
         self.intended_mode = None
@@ -218,12 +237,18 @@ class AutopilotLink:
         self.streams.reset()
 
     def _timesync(self, body: Timesync, now_ns: int) -> None:
+        # The extension fields that name a target are not read: PX4 sends arbitrary bytes there (recorded).
         if body.tc1 == 0:
             self.send(dialect.MAVLink_timesync_message(now_ns, body.ts1))
         elif body.ts1 in self._questions:
             self._questions.remove(body.ts1)
+            restarts = self.clock.restarts
             if not self.clock.update(body.ts1, body.tc1, now_ns):
                 self.counters["timesync_rejected"] += 1
+            elif self.clock.restarts > restarts:
+                self.counters["clock_set_anew"] += 1
+                if self.clock.stepped_s < -_REBOOT_STEP_S:  # seen here first when no state is streamed
+                    self._rebooted()
         else:
             self.counters["timesync_not_asked"] += 1
 

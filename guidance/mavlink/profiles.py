@@ -9,6 +9,7 @@ Sources: PX4 `src/modules/mavlink/mavlink_receiver.cpp` (main, 2025-08), ArduPil
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -181,6 +182,7 @@ class Outgoing(NamedTuple):
 
 
 def _clamp(value: float, low: float, high: float) -> float:
+    """Into [low, high]; NaN stays NaN because it is compared first."""
     return min(max(value, low), high)
 
 
@@ -194,7 +196,8 @@ def outgoing(
 ) -> Outgoing:
     """The law's controls (rad/s, m/s) in the ranges that the autopilot gives a meaning.
 
-    All inputs must be finite; `thrust = clamp(u4 / speed_at_full_thrust_m_s)`.
+    `thrust = clamp(u4 / speed_at_full_thrust_m_s)`. Inputs should be finite: a NaN comes out as NaN, which the
+    caller must refuse and `set_attitude_target` will not pack.
     """
     rates = (
         _clamp(roll_rate, -BODY_RATE_MAX_RAD_S, BODY_RATE_MAX_RAD_S),
@@ -217,7 +220,12 @@ def neutral(profile: Profile, speed_at_full_thrust_m_s: float) -> Outgoing:
 def set_attitude_target(
     profile: Profile, setpoint: Outgoing, system: int, component: int, boot_ms: int
 ) -> Any:
-    """SET_ATTITUDE_TARGET (82) for this autopilot; the attitude is masked and its field neutral."""
+    """SET_ATTITUDE_TARGET (82) for this autopilot; the attitude is masked and its field neutral.
+
+    Raises ValueError for a number that is not finite: to the autopilot NaN means anything but "nothing".
+    """
+    if not all(map(math.isfinite, (*setpoint.body_rates_frd_rad_s, setpoint.thrust))):
+        raise ValueError(f"a setpoint that is not finite: {setpoint}")
     return dialect.MAVLink_set_attitude_target_message(
         boot_ms & 0xFFFFFFFF,
         system,

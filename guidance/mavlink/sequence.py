@@ -37,6 +37,7 @@ class SequenceWatch:
         self._newest: int | None = None
         self._newest_ns = 0
         self._seen = 0  # bit i: number `newest - i` came
+        self._missed = 0  # bit i: number `newest - i` was counted as lost
         self._not_new = 0
 
     def place(self, sequence: int, now_ns: int) -> Place:
@@ -50,6 +51,7 @@ class SequenceWatch:
             self.lost += ahead - 1
             self._newest += ahead
             self._seen = (self._seen << ahead | 1) & _MASK
+            self._missed = (self._missed << ahead | (1 << ahead) - 2) & _MASK
             self._newest_ns = now_ns
             self._not_new = 0
             return Place(Order.NEW, self._newest)
@@ -62,12 +64,15 @@ class SequenceWatch:
             return Place(Order.DUPLICATE, number)
         if behind < _HALF:
             self._seen |= 1 << behind
-            self.lost = max(self.lost - 1, 0)  # it was late, not lost
+        if self._missed >> behind & 1:  # it was late, not lost
+            self._missed &= ~(1 << behind)
+            self.lost -= 1
         return Place(Order.LATE, number)
 
     def _restart(self, number: int, now_ns: int) -> Place:
         self._newest = number
         self._newest_ns = now_ns
         self._seen = 1
+        self._missed = 0
         self._not_new = 0
         return Place(Order.NEW, number)

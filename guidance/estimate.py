@@ -35,6 +35,8 @@ UNIT_TOLERANCE: Final = 1e-2
 FUTURE_NS: Final = 50_000_000
 #: ATTITUDE stands in for ATTITUDE_QUATERNION when that has not come for so long.
 PREFERRED_NS: Final = 500_000_000
+#: It takes over again as soon as it comes, though an ATTITUDE of about the same instant is there already.
+OLDER_MS: Final = 100
 #: No vehicle of ours is faster or turns faster; beyond, a number is a fault and not a measurement.
 SPEED_MAX_M_S: Final = 1000.0
 RATE_MAX_RAD_S: Final = 100.0
@@ -100,6 +102,9 @@ class Estimator:
         unit = Quaternion(q.w / length, q.x / length, q.y / length, q.z / length)
         rates = Vec3(message.rollspeed, message.pitchspeed, message.yawspeed)
         sample = AttitudeSample(instant_ns, message.time_boot_ms, unit, rates, "ATTITUDE_QUATERNION")
+        newest = self.attitude
+        if newest is not None and sample.boot_ms < newest.boot_ms - OLDER_MS:
+            return "late"
         refused = self._take_attitude(sample, self._quaternion, now_ns)
         if refused is None:
             self._quaternion = sample

@@ -228,7 +228,9 @@ def test_half_a_packet_of_one_peer_does_not_meet_half_a_packet_of_another() -> N
 
 
 MESSAGES = [
-    lambda floats: mavlink.MAVLink_command_long_message(1, 1, int(abs(floats[0])) % 600, 0, *floats[:7]),
+    lambda floats: mavlink.MAVLink_command_long_message(
+        1, 1, int(abs(floats[0])) % 600 if math.isfinite(floats[0]) else 600, 0, *floats[:7]
+    ),
     lambda floats: mavlink.MAVLink_command_long_message(1, 1, 511, 0, *floats[:7]),
     lambda floats: mavlink.MAVLink_command_long_message(1, 1, 512, 0, *floats[:7]),
     lambda floats: mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1.0, *floats[:6]),

@@ -1,0 +1,163 @@
+"""Every command line in the README is known here and works; the two that install stand in CI as well."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import guidance.demo
+import sitl.bench
+from guidance import cli as guidance_cli
+from guidance.config import load
+from guidance.demo import CONFIG_FILE, Result
+from guidance.figures import StreamFigures, TrackingFigures
+from sitl import cli as sitl_cli
+from sitl.logbook import LogBook
+from tests.helpers import make_config, make_flight
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = [
+    line.strip()
+    for block in re.findall(r"^ *```sh\n(.*?)^ *```", README, re.DOTALL | re.MULTILINE)
+    for line in block.splitlines()
+    if line.strip()
+]
+INSTALL_AND_FLY = "python3 -m venv .venv && .venv/bin/pip install -q '.[sitl]' && .venv/bin/guidance demo"
+INSTALL_AND_TEST = (
+    "python3 -m venv .venv && .venv/bin/pip install -q -e '.[test]' && .venv/bin/python -m pytest"
+)
+BY_HAND = [c for c in COMMANDS if c.startswith(".venv/bin/sitl vehicle") or "run --config" in c]
+DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]
+REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
+OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", ".ci/run"]
+
+
+def words(command: str) -> list[str]:
+    """The arguments after the program."""
+    return shlex.split(command)[1:]
+
+
+def test_every_command_is_run_by_a_test_here() -> None:
+    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *OTHERS])
+    assert len(DEMOS) >= 3
+    assert len(BY_HAND) >= 3
+    assert REPLAYS
+
+
+def test_ci_calls_the_very_test_command_of_the_readme() -> None:
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert script[-1] == INSTALL_AND_TEST
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
+
+
+def test_what_the_two_commands_install_exists() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"sitl", "test"} <= project["optional-dependencies"].keys()
+    assert project["scripts"] == {"guidance": "guidance.cli:main", "sitl": "sitl.cli:main"}
+
+
+@pytest.mark.parametrize("command", DEMOS)
+def test_each_demo_is_accepted_and_flies_in_lockstep(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real demo flies in test_demo; here the same configuration does, on virtual time."""
+
+    def fly(seconds: float, overrides: list[str]) -> Result:
+        config = load(CONFIG_FILE, overrides)
+        flight = make_flight(config=config)
+        assert flight.run(10.0, until=lambda: flight.guide.tracker.start_ns is not None)
+        assert seconds >= 10.0
+        return Result(TrackingFigures(9.0, 1e-4, 1e-3), StreamFigures(50.0, 0.02), seconds, "log", False)
+
+    monkeypatch.setattr(guidance.demo, "fly", fly)
+    outcome = CliRunner().invoke(guidance_cli.app, words(command))
+    assert outcome.exit_code == 0, outcome.output
+
+
+@pytest.mark.parametrize("command", REPLAYS)
+def test_replay_of_a_log_is_identical(command: str, tmp_path: Path) -> None:
+    with LogBook(make_config(), tmp_path) as book:
+        flight = make_flight()
+        flight.on_record = book.add
+        flight.run(3.0)
+    *verb, log = words(command)
+    assert log.endswith(".mcap")
+    outcome = CliRunner().invoke(guidance_cli.app, [*verb, str(book.path)])
+    assert outcome.exit_code == 0, outcome.output
+    assert "identical" in outcome.output
+
+
+def test_bench_prints_every_figure_with_its_goal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sitl.bench, "FLIGHT_S", 3.0)
+    outcome = CliRunner().invoke(sitl_cli.app, ["bench"])
+    assert outcome.output.count("at most") == 3
+    assert "at least 50" in outcome.output
+    assert "flat" in outcome.output
+
+
+def kill(*processes: subprocess.Popen[str]) -> None:
+    """End them, whatever they do."""
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+def test_vehicle_and_service_started_by_hand_fly(tmp_path: Path) -> None:
+    """The two terminals of the README, on a port that is free here."""
+    vehicle, service = (c for c in BY_HAND[:2])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    assert "14540" in vehicle
+    vehicle = vehicle.replace("14540", str(port)) + " --port 0"
+    service += f" --set link.connection=udpin://127.0.0.1:{port} --set log.directory={tmp_path}"
+    flying = [
+        subprocess.Popen(
+            [sys.executable, "-m", shlex.split(command)[0].rpartition("/")[2], *words(command)],
+            cwd=ROOT,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for command in (vehicle, service)
+    ]
+    killer = threading.Timer(40.0, kill, flying)
+    killer.start()
+    try:
+        assert flying[1].stderr is not None
+        said = []
+        for line in flying[1].stderr:
+            said.append(line)
+            if "tracking:" in line:
+                break
+        assert "tracking:" in said[-1], "".join(said)
+        flying[1].send_signal(signal.SIGTERM)
+        said = flying[1].communicate(timeout=20)[1].splitlines()
+        assert any("hold confirmed" in line for line in said)
+        assert flying[1].returncode == 0
+        flying[0].terminate()
+        flying[0].communicate(timeout=20)
+        assert flying[0].returncode == 0
+    finally:
+        killer.cancel()
+        kill(*flying)
+
+
+@pytest.mark.parametrize("command", BY_HAND)
+def test_the_configurations_named_exist(command: str) -> None:
+    arguments = words(command)
+    if "--config" in arguments:
+        config = load(ROOT / arguments[arguments.index("--config") + 1])
+        assert config.supervisor.engage == "pilot"
+        assert not config.supervisor.arm
+    else:
+        assert arguments[0] == "vehicle"

@@ -1,254 +1,304 @@
 """The asyncio shell around the core: socket, timer, signals, sinks, and the one clock that the core lives by.
 
-Order matters in `_after`: packets are sent first, records are encoded and offered to the sinks after.
+Order matters in `_turn`: the socket is read to its end before a setpoint is computed from the newest state,
+and what is to be sent is sent before records are encoded and offered to the sinks. The socket is the shell's
+own: asyncio's transports keep what cannot be sent at once and send it later, and a late setpoint is a wrong
+one.
 """
 
 from __future__ import annotations
 
 import asyncio
 import gc
+import os
 import signal
 import socket
 import sys
+import threading
 import time
+import traceback
 import uuid
-from pathlib import Path
-from typing import Any, Final, cast
-
-import msgspec
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Final
 
 from guidance import __version__
 from guidance.config import Config, parse_connection, to_json
 from guidance.core import Guide
-from guidance.records import SCHEMA_VERSION, TOPICS, Command, InputKind, Record, Session
-from guidance.telemetry import Sample, Sink
-from guidance.telemetry.console import Console
-from guidance.telemetry.recorder import Recorder
-from guidance.telemetry.zenoh_sink import ZenohSink
+from guidance.records import SCHEMA_VERSION, Command, InputKind, Session
+from guidance.telemetry.sinks import Sinks, configured_sinks
 
 #: The sinks' threads give the interpreter back at least this often (default 5 ms).
 SWITCH_INTERVAL_S: Final = 0.0005
 BACK_OFF_S: Final = (0.5, 1.0, 2.0, 5.0, 10.0)
 #: All sinks together have this long to write what waits when the service stops.
-CLOSE_S: Final = 0.4
-_SINK_WATCH_S: Final = 1.0
+CLOSE_S: Final = 0.35
+#: The process ends so long after it was told to, whatever hangs (a disk, a router, a pipe nobody reads).
+LEAVE_AT_THE_LATEST_S: Final = 1.8
+#: Reading stops for a turn of the rest, so that a flood of datagrams cannot hold up the setpoints.
+READ_AT_MOST_NS: Final = 10_000_000
+#: A problem of the network is told again when it has been away for so long.
+FORGET_PROBLEM_NS: Final = 10_000_000_000
+SINK_WATCH_S: Final = 1.0
+
+_DATAGRAM_BYTES: Final = 65535
 
 Address = tuple[Any, ...]
 
 
-class Shell(asyncio.DatagramProtocol):
+class Shell:
     """One guide on one event loop."""
 
-    def __init__(self, config: Config, sinks: dict[str, Sink], session: Session) -> None:
+    def __init__(self, config: Config, sinks: Sinks, session: Session) -> None:
         self._guide = Guide(config)
         self._connection = parse_connection(config.link.connection)
+        self._listens = self._connection.scheme == "udpin"
+        self._text = f"{self._connection.scheme}://{self._connection.host}:{self._connection.port}"
         self._sinks = sinks
-        self._problems = dict.fromkeys(sinks, "")
-        self._encode = msgspec.json.Encoder().encode
         self._loop = asyncio.get_running_loop()
-        self._transport: asyncio.DatagramTransport | None = None
+        self._socket: socket.socket | None = None
         self._peer: Address | None = None
+        self._peer_ns = 0
+        self._peer_silent_ns = round(config.link.heartbeat_timeout_s * 1e9)
         self._timer: asyncio.TimerHandle | None = None
         self._timer_ns = 0
-        self._soon = False
-        self._failures = 0
-        self._send_problem = ""
+        self._told_ns: dict[str, int] = {}
+        self._notes: list[tuple[InputKind, str]] = []
         self._bug: BaseException | None = None
         self._closed = asyncio.Event()
+        self._why_closed = ""
         self._stopped = asyncio.Event()
-        self._publish([session])
+        self._sinks.publish([session])
+
+    @property
+    def finished(self) -> bool:
+        """Whether a shutdown is complete: the vehicle is left, nothing more is sent."""
+        return self._guide.finished
+
+    @property
+    def address(self) -> Address | None:
+        """Where the socket is bound, None while it is not open."""
+        return None if self._socket is None else self._socket.getsockname()
 
     async def run(self) -> None:
-        """Until a shutdown is complete."""
-        self._loop.set_exception_handler(self._failed)
-        opening = self._loop.create_task(self._keep_open())
-        watching = self._loop.create_task(self._watch_sinks())
-        self._schedule()
+        """Until a shutdown is complete; raises what a bug of ours raised."""
+        self._loop.set_exception_handler(self._unhandled)
+        tasks = [self._loop.create_task(work) for work in (self._keep_open(), self._watch_sinks())]
+        for task in tasks:
+            task.add_done_callback(self._task_ended)
         try:
             await self._stopped.wait()
         finally:
-            opening.cancel()
-            watching.cancel()
-            await asyncio.gather(opening, watching, return_exceptions=True)
+            self._stopped.set()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
             if self._timer is not None:
                 self._timer.cancel()
-            if self._transport is not None:
-                self._transport.close()
+            self._close_socket()
         if self._bug is not None:
             raise self._bug
 
-    def _failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """A bug of ours: no setpoint may follow from what is left, so fall silent, be loud, and end."""
-        self._bug = context.get("exception") or RuntimeError(context["message"])
-        self._stopped.set()
-
     def command(self, command: Command) -> None:
         """An operator's command, from a signal."""
-        self._guide.command(command, time.monotonic_ns())
-        self._after()
+        self._turn(lambda now_ns: self._guide.command(command, now_ns))
 
-    # The socket --------------------------------------------------------------------------------------
+    # Bugs --------------------------------------------------------------------------------------------
 
-    async def _keep_open(self) -> None:
-        """Open the socket, and open it again with back-off whenever it fails."""
-        while True:
-            self._closed.clear()
-            try:
-                await self._open()
-            except OSError as error:
-                delay_s = BACK_OFF_S[min(self._failures, len(BACK_OFF_S) - 1)]
-                self._failures += 1
-                self._note(
-                    InputKind.LINK_DOWN,
-                    f"{self._text()} cannot be opened: {error.strerror or error}; again in {delay_s:g} s",
-                )
-                await asyncio.sleep(delay_s)
-                continue
-            self._failures = 0
-            await self._closed.wait()
+    def _unhandled(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        self._fail(context.get("exception") or RuntimeError(context["message"]))
 
-    async def _open(self) -> None:
-        address = (self._connection.host, self._connection.port)
-        family = socket.AF_UNSPEC
-        if self._connection.scheme == "udpin":
-            await self._loop.create_datagram_endpoint(lambda: self, local_addr=address, family=family)
-        else:
-            await self._loop.create_datagram_endpoint(lambda: self, remote_addr=address, family=family)
+    def _task_ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._fail(error)
 
-    def _text(self) -> str:
-        return f"{self._connection.scheme}://{self._connection.host}:{self._connection.port}"
+    def _fail(self, bug: BaseException) -> None:
+        """A bug of ours: no setpoint may follow from what is left, so fall silent, be loud, and end."""
+        if self._bug is None:
+            self._bug = bug
+            self._stopped.set()
+            self._sinks.publish(self._guide.records())  # the input that did it is among them
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The socket is open."""
-        self._transport = cast(asyncio.DatagramTransport, transport)  # uvloop's is one only in behaviour
-        verb = "listening on" if self._connection.scheme == "udpin" else "sending to"
-        host, port = transport.get_extra_info("sockname" if verb == "listening on" else "peername")[:2]
-        self._note(InputKind.LINK_UP, f"{verb} {host}:{port} (UDP)")
+    # One turn ----------------------------------------------------------------------------------------
 
-    def datagram_received(self, data: bytes, addr: Address) -> None:
-        """Bytes came. Whoever speaks as the configured autopilot is who gets the answers."""
-        before = self._guide.link.received
-        self._guide.receive(data, time.monotonic_ns())
-        if self._guide.link.received != before:
-            self._peer = addr
-        self._after()
-
-    def error_received(self, exc: Exception) -> None:
-        """The network refused a datagram, as when nobody listens at the other end."""
-        if str(exc) != self._send_problem:  # once, not at 50 Hz
-            self._send_problem = str(exc)
-            self._note(InputKind.NOTE, f"{self._text()}: {exc}")
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The socket failed (or was closed by us)."""
-        self._transport = None
-        if not self._stopped.is_set():
-            self._note(InputKind.LINK_DOWN, f"{self._text()} failed: {exc}")
-        self._closed.set()
-
-    # The timer ---------------------------------------------------------------------------------------
+    def _turn(self, enter: Callable[[int], None] | None = None) -> None:
+        """What has come, then what is due, then the records of both; arranges for the next turn."""
+        if self._stopped.is_set():
+            return
+        try:
+            if enter is not None:
+                enter(time.monotonic_ns())
+            self._read()
+            now_ns = time.monotonic_ns()
+            if self._guide.deadline() <= now_ns:
+                self._guide.tick(now_ns)
+            self._send()
+            while self._notes:
+                self._guide.note(*self._notes.pop(0), time.monotonic_ns())
+                self._send()
+            self._sinks.publish(self._guide.records())
+            if self._guide.finished:
+                self._stopped.set()
+            else:
+                self._schedule()
+        except Exception as bug:
+            self._fail(bug)
 
     def _schedule(self) -> None:
-        """Arrange for a tick at the guide's deadline; after the socket has been read if that is now."""
         due_ns = self._guide.deadline()
-        now_ns = time.monotonic_ns()
-        if due_ns <= now_ns:
-            if not self._soon:
-                self._soon = True
-                self._loop.call_soon(self._tick)
-            return
         if self._timer is not None:
             if self._timer_ns <= due_ns:
                 return  # it fires first and arranges the rest
             self._timer.cancel()
         self._timer_ns = due_ns
-        self._timer = self._loop.call_later((due_ns - now_ns) * 1e-9, self._timed)
+        self._timer = self._loop.call_later(max(due_ns - time.monotonic_ns(), 0) * 1e-9, self._timed)
 
     def _timed(self) -> None:
         self._timer = None
-        self._schedule()
-
-    def _tick(self) -> None:
-        self._soon = False
-        self._guide.tick(time.monotonic_ns())
-        self._after()
-
-    def _note(self, kind: InputKind, text: str) -> None:
-        self._guide.note(kind, text, time.monotonic_ns())
-        self._after()
-
-    def _after(self) -> None:
-        for packet in self._guide.packets():
-            self._send(packet)
-        self._publish(self._guide.records())
-        if self._guide.finished:
-            self._stopped.set()
-        elif not self._stopped.is_set():
+        if self._guide.deadline() <= time.monotonic_ns():
+            self._turn()
+        else:
             self._schedule()
 
-    def _send(self, packet: bytes) -> None:
-        if self._transport is None:
+    def _note(self, kind: InputKind, text: str) -> None:
+        self._notes.append((kind, text))
+        self._turn()
+
+    # The socket --------------------------------------------------------------------------------------
+
+    async def _keep_open(self) -> None:
+        """Open the socket, and open it again with back-off whenever that or the socket fails."""
+        failures = 0
+        while True:
+            self._closed.clear()
+            try:
+                self._socket = await self._open()
+            except (OSError, UnicodeError) as error:  # UnicodeError: a host that cannot be a name
+                what, why = "cannot be opened", getattr(error, "strerror", None) or str(error)
+            else:
+                verb = "listening on" if self._listens else "sending to"
+                name = self._socket.getsockname() if self._listens else self._socket.getpeername()
+                self._loop.add_reader(self._socket, self._turn)
+                self._note(InputKind.LINK_UP, f"{verb} {_shown(name)} (UDP)")
+                opened = self._loop.time()
+                await self._closed.wait()
+                what, why = "failed", self._why_closed
+                if self._loop.time() - opened > BACK_OFF_S[-1]:
+                    failures = 0
+            delay_s = BACK_OFF_S[min(failures, len(BACK_OFF_S) - 1)]
+            failures += 1
+            self._note(InputKind.LINK_DOWN, f"{self._text} {what}: {why}; again in {delay_s:g} s")
+            await asyncio.sleep(delay_s)
+
+    async def _open(self) -> socket.socket:
+        host, port = self._connection.host, self._connection.port
+        found = await self._loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        found.sort(key=lambda info: info[0] != socket.AF_INET)  # what autopilots speak
+        problem: OSError | None = None
+        for family, kind, protocol, _, address in found:
+            opened = socket.socket(family, kind, protocol)
+            try:
+                opened.setblocking(False)
+                (opened.bind if self._listens else opened.connect)(address)
+            except OSError as error:
+                opened.close()
+                problem = problem or error
+            else:
+                return opened
+        raise problem or OSError(f"{host} has no address")
+
+    def _close_socket(self) -> None:
+        opened, self._socket = self._socket, None
+        if opened is not None:
+            self._loop.remove_reader(opened)
+            opened.close()
+
+    def _read(self) -> None:
+        """All datagrams that wait, in order. Whoever speaks as the configured autopilot gets the answers."""
+        guide, end_ns = self._guide, time.monotonic_ns() + READ_AT_MOST_NS
+        while self._socket is not None:
+            try:
+                data, address = self._socket.recvfrom(_DATAGRAM_BYTES)
+            except (BlockingIOError, InterruptedError):
+                return
+            except ConnectionError as error:
+                self._network(error)  # nobody listens at the other end yet
+                continue
+            except OSError as error:
+                self._why_closed = error.strerror or str(error)
+                self._close_socket()
+                self._closed.set()
+                return
+            now_ns = time.monotonic_ns()
+            before = guide.link.received
+            guide.receive(data, now_ns)
+            if guide.link.received != before:
+                self._heard(address, now_ns)
+            self._send()
+            if now_ns >= end_ns:
+                return
+
+    def _heard(self, address: Address, now_ns: int) -> None:
+        """The autopilot spoke from `address`; answers go there, unless they go to one that still speaks."""
+        if address != self._peer:
+            if self._peer is not None and now_ns - self._peer_ns <= self._peer_silent_ns:
+                self._tell(
+                    f"the autopilot's id is used from {_shown(address)} as well as from "
+                    f"{_shown(self._peer)}, who gets the setpoints: are there two vehicles of one id?",
+                )
+                return
+            self._peer = address
+        self._peer_ns = now_ns
+
+    def _send(self) -> None:
+        packets = self._guide.packets()
+        if self._socket is None:
             return
-        if self._connection.scheme == "udpout":
-            self._transport.sendto(packet)
-        elif self._peer is not None:
-            self._transport.sendto(packet, self._peer)
+        for packet in packets:
+            try:
+                if not self._listens:
+                    self._socket.send(packet)
+                elif self._peer is not None:
+                    self._socket.sendto(packet, self._peer)
+            except OSError as error:  # lost, as on the way: what follows is newer
+                self._network(error)
+
+    def _network(self, error: OSError) -> None:
+        self._tell(f"{self._text}: {error.strerror or error}")
+
+    def _tell(self, problem: str) -> None:
+        """Note a problem of the network once, not at 50 Hz."""
+        now_ns = time.monotonic_ns()
+        told_ns = self._told_ns.get(problem)
+        if len(self._told_ns) < 100 or told_ns is not None:
+            self._told_ns[problem] = now_ns
+            if told_ns is None or now_ns - told_ns > FORGET_PROBLEM_NS:
+                self._notes.append((InputKind.NOTE, problem))
 
     # The sinks ---------------------------------------------------------------------------------------
-
-    def _publish(self, made: list[Any] | list[Record]) -> None:
-        for record in made:
-            sample = Sample(TOPICS[type(record)], record.t_ns, self._encode(record))
-            for sink in self._sinks.values():
-                sink.offer(sample)
 
     async def _watch_sinks(self) -> None:
         """What is wrong with a sink is said once; nothing waits for it."""
         while True:
-            await asyncio.sleep(_SINK_WATCH_S)
-            self._guide.dropped_records = sum(sink.dropped for sink in self._sinks.values())
-            for name, sink in self._sinks.items():
-                problem = sink.problem
-                if problem != self._problems[name]:
-                    self._problems[name] = problem
-                    self._note(InputKind.NOTE, f"{name}: {problem or 'well again'}")
+            await asyncio.sleep(SINK_WATCH_S)
+            self.look_at_sinks()
+
+    def look_at_sinks(self) -> None:
+        """Note what has come to be wrong with a sink since the last look, and what is well again."""
+        self._guide.dropped_records = self._sinks.dropped
+        for news in self._sinks.news():
+            self._note(InputKind.NOTE, news)
 
 
-def _sinks(config: Config, session: Session) -> dict[str, Sink]:
-    """Every sink that the configuration wants, and the console; raises ValueError for bad zenoh settings."""
-    sinks: dict[str, Sink] = {"console": Console(session.unix_offset_ns)}
-    if config.log.enabled:
-        sinks["log"] = Recorder(
-            Path(config.log.directory),
-            vehicle=config.vehicle.name,
-            session_id=session.session_id,
-            unix_offset_ns=session.unix_offset_ns,
-            min_free_bytes=round(config.log.min_free_mb * 1e6),
-        )
-    if config.zenoh.enabled:
-        zenoh = config.zenoh
-        sinks["zenoh"] = ZenohSink(
-            config.vehicle.name,
-            mode=zenoh.mode,
-            connect=zenoh.connect,
-            listen=zenoh.listen,
-            multicast_scouting=zenoh.multicast_scouting,
-            config_file=Path(zenoh.config_file) if zenoh.config_file else None,
-        )
-    return sinks
+def _shown(address: Address) -> str:
+    host, port = address[:2]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def _close(sinks: dict[str, Sink]) -> None:
-    """Close all within `CLOSE_S`; the log first, it is what must not be lost."""
-    end = time.monotonic() + CLOSE_S
-    for name in sorted(sinks, key=lambda name: name != "log"):
-        if not sinks[name].close(max(end - time.monotonic(), 0.05)) and name == "log":
-            sys.stderr.write(f"log: not everything was written: {sinks[name].problem}\n")
-
-
-async def _serve(config: Config) -> None:
+def new_session(config: Config) -> Session:
+    """The first record of a run that begins now."""
     now_ns = time.monotonic_ns()
-    session = Session(
+    return Session(
         t_ns=now_ns,
         schema_version=SCHEMA_VERSION,
         session_id=uuid.uuid4().hex,
@@ -258,33 +308,64 @@ async def _serve(config: Config) -> None:
         unix_offset_ns=time.time_ns() - now_ns,
         config_json=to_json(config),
     )
-    sinks = _sinks(config, session)
+
+
+async def _serve(config: Config) -> int:
+    session = new_session(config)
+    sinks = configured_sinks(config, session)
     shell = Shell(config, sinks, session)
     loop = asyncio.get_running_loop()
+
+    def stop() -> None:
+        _leave_at_the_latest(lambda: 0 if shell.finished else 1)
+        shell.command(Command.SHUTDOWN)
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, shell.command, Command.SHUTDOWN)
+        loop.add_signal_handler(number, stop)
     loop.add_signal_handler(signal.SIGUSR1, shell.command, Command.ENGAGE)
-    for sink in sinks.values():
-        sink.start()
+    sinks.start()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     gc.collect()
     gc.freeze()  # what stands now stands for good: later collections need not walk it
+    status = 0
     try:
         await shell.run()
-    finally:
-        await loop.run_in_executor(None, _close, sinks)
+    except Exception:
+        status = 1
+        _leave_at_the_latest(lambda: 1)
+        _say(f"guidance: internal error, no setpoint follows; please report it\n{traceback.format_exc()}")
+    left = sinks.close(CLOSE_S)
+    if left:
+        # Threads that hang in a disk or in zenoh would hold up the interpreter's own end by seconds.
+        if "log" in left:
+            _say(f"log: not everything was written: {left['log']}\n")
+        os._exit(status)
+    return status
 
 
-def serve(config: Config) -> None:
-    """Run the service until SIGTERM or SIGINT; SIGUSR1 commands to engage.
+def _say(text: str) -> None:
+    with suppress(OSError, ValueError):  # nobody listens
+        sys.stderr.write(text)
+        sys.stderr.flush()
+
+
+def _leave_at_the_latest(status: Callable[[], int]) -> None:
+    """End the process in `LEAVE_AT_THE_LATEST_S` even if something hangs, without waiting for it."""
+    timer = threading.Timer(LEAVE_AT_THE_LATEST_S, lambda: os._exit(status()))
+    timer.daemon = True
+    timer.start()
+
+
+def serve(config: Config) -> int:
+    """Run the service until SIGTERM or SIGINT, SIGUSR1 commands to engage; the exit status.
+
+    0 after a shutdown, 1 after an internal error, which is told on stderr.
 
     Raises:
-        ConfigError: no profile fits the configuration.
-        ValueError: zenoh does not take its settings.
+        ConfigError: no profile fits the configuration, or zenoh does not take its settings.
     """
     try:
         import uvloop
     except ImportError:  # not published for this platform
-        asyncio.run(_serve(config))
-    else:
-        uvloop.run(_serve(config))
+        return asyncio.run(_serve(config))
+    return uvloop.run(_serve(config))

@@ -8,13 +8,9 @@ reference at the same instants afterwards.
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import os
 import signal
 import socket
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -23,6 +19,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from guidance.child import Child
 from guidance.config import Config, ConfigError, from_json, load, parse_connection
 from guidance.demo_view import Result as Result  # what `fly` returns, so found here
 from guidance.demo_view import View
@@ -41,7 +38,6 @@ _START_S: Final = 15.0
 #: A state before engaging that lasts longer than this will not pass; the steps of engaging have a time-out.
 _NO_PROGRESS_S: Final = 3.0
 _STEPS: Final = frozenset({"streaming", "switching", "arming"})
-_STOP_S: Final = 5.0
 _LOOK_S: Final = 0.1
 _ENDED: Final = frozenset({"handed-over", "aborted", "finished", "withheld"})
 _SET_ATTITUDE_TARGET: Final = (82).to_bytes(3, "little")
@@ -242,92 +238,6 @@ def _vehicle_command(config: Config) -> list[str]:
 def _service_command(settings: Sequence[str]) -> list[str]:
     command = [sys.executable, "-m", "guidance", "run", "--config", str(CONFIG_FILE)]
     return command + [part for setting in settings for part in ("--set", setting)]
-
-
-class Child:
-    """A process of its own session: Ctrl-C reaches only the demo, which ends its children in order."""
-
-    def __init__(self, command: Sequence[str], name: str, line: Callable[[str, str], None]) -> None:
-        self.name = name
-        self._last_line = "it said nothing"
-        self._line = line
-        self._threads: list[threading.Thread] = []
-        self.process = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            preexec_fn=_end_with_parent(),
-        )
-
-    def __enter__(self) -> Child:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
-            if pipe is not None:
-                pipe.close()
-
-    def listen(self, take: Callable[[str], None] | None) -> None:
-        """Read what it writes: stderr line by line for people, stdout for `take`."""
-        works: list[Callable[[], None]] = [self._read]
-        if take is not None:
-            works.append(lambda: self._hand_over(take))
-        for work in works:
-            self._threads.append(threading.Thread(target=work, daemon=True))
-            self._threads[-1].start()
-
-    @property
-    def ended(self) -> bool:
-        """Whether the process is gone."""
-        return self.process.poll() is not None
-
-    def obituary(self) -> str:
-        """Of what it died: the status and its last words."""
-        self.stop()
-        status = self.process.returncode
-        how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
-        return f"the {self.name} {how}: {self._last_line}"
-
-    def stop(self) -> None:
-        """SIGTERM, and SIGKILL if that is not enough; all that it wrote is read."""
-        if not self.ended:
-            self.process.terminate()
-            try:
-                self.process.wait(_STOP_S)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-        for thread in self._threads:
-            thread.join(1.0)
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self._last_line = line.rstrip()
-            self._line(self.name, self._last_line)
-
-    def _hand_over(self, take: Callable[[str], None]) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            take(line)
-
-
-def _end_with_parent() -> Callable[[], None] | None:
-    """Linux: a demo that is killed leaves no process behind (PR_SET_PDEATHSIG)."""
-    if sys.platform != "linux":
-        return None
-    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
-
-    def prepare() -> None:
-        prctl(1, signal.SIGTERM)
-        if os.getppid() != parent:  # it was killed before the call
-            os._exit(1)
-
-    return prepare
 
 
 def _take_truth(line: str, truth: list[Truth]) -> None:

@@ -14,10 +14,11 @@ import pytest
 import uvloop
 from pymavlink.dialects.v20 import all as mavlink
 
-from guidance import service
+from guidance import shell
 from guidance.config import Config
 from guidance.records import Command, Packet, State
-from guidance.service import Shell, new_session
+from guidance.service import new_session
+from guidance.shell import Shell
 from guidance.telemetry import Sample
 from guidance.telemetry.sinks import Sinks
 from tests.helpers import make_config
@@ -138,7 +139,7 @@ def test_udpout_writes_first_and_packets_leave_before_their_records_are_made(run
 def test_a_port_in_use_is_said_and_opened_as_soon_as_it_is_free(
     runner: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service, "BACK_OFF_S", (0.02, 0.04))
+    monkeypatch.setattr(shell, "BACK_OFF_S", (0.02, 0.04))
 
     async def main() -> None:
         with a_socket() as other:
@@ -160,7 +161,7 @@ def test_a_port_in_use_is_said_and_opened_as_soon_as_it_is_free(
 def test_a_host_that_has_no_address_is_said_and_tried_again(
     host: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service, "BACK_OFF_S", (0.02,))
+    monkeypatch.setattr(shell, "BACK_OFF_S", (0.02,))
 
     async def main() -> None:
         async with running(f'link.connection="udpout://{host}:14540"') as rig:
@@ -171,7 +172,7 @@ def test_a_host_that_has_no_address_is_said_and_tried_again(
 
 
 def test_a_socket_that_fails_is_closed_and_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service, "BACK_OFF_S", (0.02,))
+    monkeypatch.setattr(shell, "BACK_OFF_S", (0.02,))
 
     async def main() -> None:
         async with running() as rig:
@@ -264,7 +265,7 @@ def test_a_bug_ends_the_service_and_no_packet_follows(where: str, monkeypatch: p
 
 
 def test_a_bug_in_a_task_of_the_shell_ends_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service, "SINK_WATCH_S", 0.01)
+    monkeypatch.setattr(shell, "SINK_WATCH_S", 0.01)
 
     def broken(_: Shell) -> None:
         raise ZeroDivisionError
@@ -312,7 +313,7 @@ def test_a_shutdown_before_anything_is_connected_is_immediate_and_a_second_one_c
 
 
 def test_a_flood_of_garbage_does_not_stop_the_setpoints(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service, "READ_AT_MOST_NS", 0)  # a turn after every datagram
+    monkeypatch.setattr(shell, "READ_AT_MOST_NS", 0)  # a turn after every datagram
 
     async def main() -> None:
         with a_socket() as stranger:

@@ -127,7 +127,7 @@ def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Con
                 if session.schema_version != SCHEMA_VERSION:
                     raise ReplayError(
                         f"{path}: its records have schema version {session.schema_version}, not "
-                        f"{SCHEMA_VERSION}: replay it with guidance {session.guidance_version}, which wrote it"
+                        f"{SCHEMA_VERSION}: use guidance {session.guidance_version}, which wrote it"
                     )
                 return config.from_json(session.config_json)
             except (msgspec.MsgspecError, config.ConfigError) as error:

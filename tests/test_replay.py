@@ -152,7 +152,7 @@ def test_a_log_of_another_schema_is_refused_with_the_version_that_wrote_it(log: 
     old = b'"schema_version":1'
     assert any(old in payload for topic, payload in read_log(log) if topic == "session")
     path = rewritten(log, tmp_path, lambda _, payload: payload.replace(old, b'"schema_version":99'))
-    with pytest.raises(ReplayError, match="schema version 99, not 1: replay it with guidance"):
+    with pytest.raises(ReplayError, match="schema version 99, not 1: use guidance"):
         replay(path)
 
 

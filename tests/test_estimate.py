@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -202,7 +202,7 @@ def euler_of(R: Any) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-@properties
+@settings(parent=properties, max_examples=10)  # each is a flight of 80 instants
 @given(quaternions(), twists(2.0))
 def test_attitude_stands_in_and_steps_back_without_a_jump(q: Quaternion, twist: Twist) -> None:
     """ATTITUDE_QUATERNION comes, stays away, comes again; the motion is one constant twist throughout."""

@@ -7,7 +7,7 @@ vectors are world coordinates, columns of R are b1, b2, b3, and y = (y4, y5, y6)
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -17,8 +17,9 @@ from scipy.spatial.transform import Rotation
 from guidance.law import Gains
 from tests.oracle import Array
 
-#: t -> r, r', r''
-Curve = Callable[[float], tuple[Array, Array, Array]]
+#: r, r', r''
+Motion = tuple[Array, Array, Array]
+Curve = Callable[[float], Motion]
 
 
 class ErrorFunction(NamedTuple):
@@ -100,30 +101,28 @@ def hat(w: Array) -> Array:
     return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 
-def field(g: Gains, phi: ErrorFunction, x: Array, motion: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+def field(g: Gains, phi: ErrorFunction, x: Array, motion: Motion) -> tuple[Array, Array]:
     """Xr of 3.3, and a = r'' - lambda d/dt(d1 phi | x fixed) of (10)."""
     r, r1, r2 = motion
     return r1 - phi.d1(x, r) / g.beta, r2 - phi.mixed(x, r) @ r1 / g.beta
 
 
-def projections(
-    g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: tuple[Array, Array, Array]
-) -> Array:
+def projections(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: Motion) -> Array:
     """(y4, y5, y6)."""
     return np.asarray(g.beta * R.T @ field(g, phi, x, motion)[0])
 
 
-def rates_10(
-    g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: tuple[Array, Array, Array], u: Array
-) -> Array:
+def rates_10(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: Motion, u: Array) -> Array:
     """d/dt (y5, y6): the two brackets of (10), which V2' multiplies by dpsi_1 and dpsi_2."""
     y4, y5, y6 = projections(g, phi, x, R, motion)
     a5, a6 = g.beta * field(g, phi, x, motion)[1] @ R[:, 1:]
-    cross5, cross6 = g.beta * (phi.hessian(x, motion[0]) @ R[:, 0]) @ R[:, 1:] / g.beta
-    return np.array([a5 - u[3] * cross5 + u[0] * y6 - u[2] * y4, a6 - u[3] * cross6 + u[1] * y4 - u[0] * y5])
+    # lambda <H X4, X5> and lambda <H X4, X6>
+    cross5, cross6 = 1.0 / g.beta * (g.beta * R[:, 1:].T @ phi.hessian(x, motion[0]) @ R[:, 0])
+    u1, u2, u3, u4 = u
+    return np.array([a5 - u4 * cross5 + u1 * y6 - u3 * y4, a6 - u4 * cross6 + u2 * y4 - u1 * y5])
 
 
-def turn(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: tuple[Array, Array, Array]) -> Array:
+def turn(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: Motion) -> Array:
     """(u2 y4, u3 y4) of (11) for quadratic psi, with the Hessian term for the u4 of (14) (law.md 6).
 
     For phi = 1/2 k(r) |x - r|^2 that term is zero, and this is (11) to the letter.
@@ -134,7 +133,7 @@ def turn(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: tuple[Array, 
     return np.array([-(g.rho2 * y6 + a6), g.rho3 * y5 + a5])
 
 
-def law(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: tuple[Array, Array, Array]) -> Array:
+def law(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: Motion) -> Array:
     """(11) and (14), no limits and no branch: u = (u1, u2, u3, u4)."""
     y4 = projections(g, phi, x, R, motion)[0]
     u2, u3 = turn(g, phi, x, R, motion) / y4
@@ -149,10 +148,10 @@ def moved(x: Array, R: Array, u: Array, dt: float) -> tuple[Array, Array]:
     return x + R @ step[:3, 3], R @ step[:3, :3]
 
 
-def derivative(f: Callable[[float], Array], h: float = 1e-3) -> Array:
-    """f'(0) by central differences of sixth order."""
+def derivative(f: Callable[[float], Any], h: float = 1e-3) -> Any:
+    """f'(0) by central differences of sixth order, of a number or an array."""
     pairs = zip((45.0, -9.0, 1.0), (1, 2, 3), strict=True)
-    return np.asarray(sum(c * (f(n * h) - f(-n * h)) for c, n in pairs) / (60.0 * h))
+    return sum(c * (f(n * h) - f(-n * h)) for c, n in pairs) / (60.0 * h)
 
 
 class Flight(NamedTuple):
@@ -203,7 +202,7 @@ def fly(
     return Flight(solution.t, states[:, :3], states[:, 3:].reshape(-1, 3, 3), singular)
 
 
-def helix(t: float) -> tuple[Array, Array, Array]:
+def helix(t: float) -> Motion:
     """The helix of section 4."""
     s, c = np.sin(t / 10.0), np.cos(t / 10.0)
     return np.array([s, c, t / 10.0]), np.array([c / 10.0, -s / 10.0, 0.1]), np.array([-s, -c, 0.0]) / 100.0
@@ -214,7 +213,7 @@ def leg(number: int) -> Curve:
     sign = -1.0 if number == 1 else 1.0
     offset = (0.0, 60.0, -60.0)[number]
 
-    def curve(t: float) -> tuple[Array, Array, Array]:
+    def curve(t: float) -> Motion:
         return np.array([offset + sign * t, t, 0.0]), np.array([sign, 1.0, 0.0]), np.zeros(3)
 
     return curve
@@ -225,12 +224,12 @@ def random_rotation(rng: np.random.Generator) -> Array:
     return np.asarray(Rotation.random(rng=rng).as_matrix())
 
 
-def random_motion(rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def random_motion(rng: np.random.Generator) -> Motion:
     """r, r', r'' of some metres, m/s and m/s^2."""
     return rng.normal(size=3) * 5.0, rng.normal(size=3) * 2.0, rng.normal(size=3)
 
 
-def later(motion: tuple[Array, Array, Array], dt: float) -> tuple[Array, Array, Array]:
+def later(motion: Motion, dt: float) -> Motion:
     """The reference a time dt later, at constant acceleration."""
     r, r1, r2 = motion
     return r + dt * r1 + 0.5 * dt * dt * r2, r1 + dt * r2, r2

@@ -102,7 +102,7 @@ def test_figure_2_after_a_corner_is_what_ever_narrower_branches_lead_to() -> Non
     def rate(t: float, e: Array) -> Array:
         Xr = np.array([-1.0, 1.0]) - e
         y5 = sqrt(2.0) * exp(-10.0 * t)
-        y4 = sqrt(max(0.0, Xr @ Xr - y5 * y5))
+        y4 = sqrt(max(0.0, float(Xr @ Xr) - y5 * y5))
         b1 = (y4 * Xr - y5 * np.array([-Xr[1], Xr[0]])) / (Xr @ Xr)
         return np.asarray(y4 * b1 - (-1.0, 1.0))
 

@@ -123,7 +123,7 @@ def rates_10(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: Motion, u
 
 
 def turn(g: Gains, phi: ErrorFunction, x: Array, R: Array, motion: Motion) -> Array:
-    """(u2 y4, u3 y4) of (11) for quadratic psi, with the Hessian term for the u4 of (14) (law.md 6).
+    """(u2 y4, u3 y4) of (11) for quadratic psi, with the Hessian term, for the u4 of (14).
 
     For phi = 1/2 k(r) |x - r|^2 that term is zero, and this is (11) to the letter.
     """

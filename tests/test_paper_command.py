@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import cache
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ def run(*arguments: str) -> str:
     return outcome.stdout
 
 
+@cache
 def numbers(*arguments: str) -> Any:
     """The JSON it prints, which must be JSON to the letter."""
 
@@ -124,9 +126,9 @@ def test_json_draws_only_when_a_directory_is_named_and_keeps_stdout_json(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    numbers("--figure", "1")
+    numbers.__wrapped__("--figure", "1")
     assert list(tmp_path.iterdir()) == []
-    numbers("--figure", "1", "--output", "here")
+    numbers.__wrapped__("--figure", "1", "--output", "here")
     assert {path.name for path in (tmp_path / "here").iterdir()} == {"figure-1.png", "figure-1.svg"}
 
 
@@ -165,7 +167,7 @@ def test_without_matplotlib_the_numbers_come_and_the_plots_name_the_extra(
 ) -> None:
     monkeypatch.delitem(sys.modules, "sitl.paper_plots", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert numbers("--figure", "1")["figure"] == 1
+    assert numbers.__wrapped__("--figure", "1")["figure"] == 1
     outcome = CliRunner().invoke(app, ["paper", *QUICK, "--figure", "1"])
     assert outcome.exit_code == 2
     assert "matplotlib" in outcome.stderr

@@ -87,7 +87,7 @@ def test_4_preserves_the_metric_3_for_every_alpha_and_beta_so_it_is_its_levi_civ
 
 
 def test_3_are_all_left_invariant_metrics_that_4_preserves() -> None:
-    """The "reduced set of left invariant metrics" of the conclusions: of 21 dimensions, alpha and beta are left."""
+    """The conclusions speak of a reduced set: of the 21 dimensions of left-invariant metrics two are left."""
     basis = [(np.outer(a, b) + np.outer(b, a)) for n, a in enumerate(np.eye(6)) for b in np.eye(6)[n:]]
     assert len(basis) == 21
     conditions = np.array(

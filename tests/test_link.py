@@ -264,3 +264,19 @@ def test_the_age_of_the_uplink_counts_from_the_newest_question_that_was_answered
     assert age_s == pytest.approx((peer.now - asked_ns) * 1e-9)
     peer.sent(wait_ms=500)
     assert peer.record().uplink_age_s == pytest.approx((peer.now - asked_ns) * 1e-9)
+
+
+def test_lost_heartbeats_are_forgiven_for_a_while_as_long_as_the_autopilot_is_heard() -> None:
+    peer = Peer()
+    peer.heartbeat()
+    start = peer.now
+    last_connected = start
+    for n in range(120):
+        peer.attitude(1000 + 100 * n, after_ms=100)
+        if peer.link.connected(peer.now):
+            last_connected = peer.now
+    assert last_connected - start == pytest.approx(9e9, abs=0.11e9)
+    silent = Peer()
+    silent.heartbeat()
+    assert silent.link.connected(silent.now + 3_000_000_000)
+    assert not silent.link.connected(silent.now + 3_000_000_001)

@@ -37,9 +37,13 @@ from guidance.mavlink.streams import Stream, Streams
 #: This component, as other MAVLink nodes see it.
 COMPONENT_ID: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 
+#: How many times its time-out a heartbeat may be old while other messages of the autopilot come.
+HEARTBEATS_MISSED: Final = 3
+
 _HEARTBEAT_PERIOD_NS: Final = 1_000_000_000
 #: Often enough that 30 % of loss each way does not look like a dead uplink.
 _TIMESYNC_PERIOD_NS: Final = 50_000_000
+_HEARD_NS: Final = 500_000_000
 _REQUEST_PERIOD_NS: Final = 1_000_000_000
 _STREAM_PERIOD_NS: Final = 100_000_000
 _QUESTIONS_KEPT: Final = 32
@@ -100,6 +104,7 @@ class AutopilotLink:
         self._outbox: list[bytes] = []
         self._heartbeat_timeout_ns = round(heartbeat_timeout_s * 1e9)
         self.heartbeat_ns = 0
+        self._heard_ns = 0
         self.sequence = SequenceWatch()
         self._mode_number = -1
         self._newest_boot_ms: int | None = None
@@ -117,8 +122,16 @@ class AutopilotLink:
     # What is known -----------------------------------------------------------------------------------
 
     def connected(self, now_ns: int) -> bool:
-        """Whether the autopilot's heartbeat is younger than its time-out."""
-        return self.heartbeat is not None and now_ns - self.heartbeat_ns <= self._heartbeat_timeout_ns
+        """Whether the autopilot's heartbeat is younger than its time-out.
+
+        While its other messages come, heartbeats may have been lost on the way (at 30 % of loss three
+        running are lost every 40 s): then it may be `HEARTBEATS_MISSED` times as old.
+        """
+        if self.heartbeat is None:
+            return False
+        heard = now_ns - self._heard_ns <= _HEARD_NS
+        limit_ns = self._heartbeat_timeout_ns * (HEARTBEATS_MISSED if heard else 1)
+        return now_ns - self.heartbeat_ns <= limit_ns
 
     @property
     def armed(self) -> bool | None:
@@ -154,6 +167,7 @@ class AutopilotLink:
             if not frame.known:
                 continue
             self.received += 1
+            self._heard_ns = now_ns
             decode = DECODERS.get(frame.message_id)
             if decode is None:  # not read, but it had a sequence number all the same
                 continue

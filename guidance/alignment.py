@@ -33,8 +33,7 @@ the difference being of second order in theta. What has no direction is decided 
   held) and the noise of a position does not spin a vehicle that has arrived where nothing moves.
 - As above, the rates are shortened to at most max(rho2, rho3)/Y4_RATIO_MIN.
 - Where pitch or yaw can only change slowly (`turn_acceleration`, rad/s^2, finite), rho theta is taken no
-  greater than sqrt(2 SLEW_PART turn_acceleration theta), the rate from which the turn can still be stopped
-  at theta = 0.
+  greater than `limits.stoppable` allows, so that the turn can still be stopped at theta = 0.
 
 These cases, but the last, are what `Turn.singular` marks.
 """
@@ -44,6 +43,7 @@ from __future__ import annotations
 from math import atan2, inf, pi, sqrt
 from typing import Final, NamedTuple
 
+from guidance.limits import stoppable
 from guidance.se3 import Vec3
 
 #: Sine of the angle about the right angle between b1 and the field within which (11) gives way to the branch.
@@ -53,8 +53,6 @@ from guidance.se3 import Vec3
 Y4_RATIO_MIN: Final = 0.05
 #: A field that is slower than this (m/s) has less and less of a direction for `global`.
 FIELD_MIN_M_S: Final = 1e-3
-#: So much of the rate of change that a limit allows is counted on to stop a turn; the rest is for delays.
-SLEW_PART: Final = 0.7
 
 
 class Gains(NamedTuple):
@@ -115,10 +113,8 @@ def global_turn(gains: Gains, turn_acceleration: float, y: Vec3, a: Vec3) -> Tur
         theta = atan2(sine, d4)
         arc = theta / sine
         if turn_acceleration < inf:
-            steepest = sqrt(2.0 * SLEW_PART * turn_acceleration * theta)
             wanted = arc * sqrt((rho2 * d6) ** 2 + (rho3 * d5) ** 2)
-            if wanted > steepest:
-                arc *= steepest / wanted
+            arc *= stoppable(wanted, theta, turn_acceleration) / wanted
         u2 = -rho2 * arc * d6
         u3 = rho3 * arc * d5
     elif d4 > 0.0:
@@ -127,9 +123,7 @@ def global_turn(gains: Gains, turn_acceleration: float, y: Vec3, a: Vec3) -> Tur
     else:
         singular = True
         u2 = 0.0
-        u3 = rho3 * pi
-        if turn_acceleration < inf:
-            u3 = min(u3, sqrt(2.0 * SLEW_PART * turn_acceleration * pi))
+        u3 = stoppable(rho3 * pi, pi, turn_acceleration)
 
     field_min = FIELD_MIN_M_S * gains.beta
     part = 1.0

@@ -216,6 +216,9 @@ class Guide:
             self.engagement.shutdown()
             self._event(Level.NOTICE, "shutdown", "shutting down", now_ns)
             return
+        if command is not Command.ENGAGE:
+            self._allocate(command.removeprefix("allocate-"), now_ns)
+            return
         refused = self.engagement.engage(now_ns)
         self._event(
             Level.NOTICE if refused is None else Level.WARNING,
@@ -223,6 +226,16 @@ class Guide:
             refused or "engage commanded",
             now_ns,
         )
+
+    def _allocate(self, name: str, now_ns: int) -> None:
+        """An actuator failed, or works again: turn with these from the next setpoint on."""
+        refused = self.tracker.allocate(name)
+        if refused is None:
+            self._event(Level.NOTICE, "allocated", f"turning by {name}", now_ns)
+        else:
+            why = f"{name} refused: {refused}"
+            self._event(Level.WARNING, "allocation_refused", why, now_ns)
+        self._next_report_ns["status"] = now_ns
 
     # Ticking -----------------------------------------------------------------------------------------
 

@@ -34,7 +34,7 @@ from guidance import error_function as phi
 from guidance.alignment import Y4_RATIO_MIN as Y4_RATIO_MIN
 from guidance.alignment import Gains as Gains
 from guidance.alignment import global_turn, paper_turn
-from guidance.allocation import PITCH_YAW, allocate
+from guidance.allocation import ALIGNED_PART, PITCH_YAW, allocate
 from guidance.error_function import Derivatives, ErrorFunction, Symmetric, derivatives, times
 from guidance.limits import Controls as Controls
 from guidance.limits import Limits as Limits
@@ -168,13 +168,15 @@ def guide_step(
         beta * dot(b3, a) - speed * dot(b3, rest),
     )
 
+    rho = gains.rho2 if gains.rho2 > gains.rho3 else gains.rho3
+    if parameters.allocation != PITCH_YAW:
+        gains = Gains(gains.k, ALIGNED_PART * gains.rho2, ALIGNED_PART * gains.rho3, beta)
     if parameters.law == GLOBAL:
         slowest = min(limits.pitch_acceleration_rad_s2, limits.yaw_acceleration_rad_s2)
         turn = global_turn(gains, slowest, y, y_dot)
     else:
         turn = paper_turn(gains, y, y_dot)
-    rho = gains.rho2 if gains.rho2 > gains.rho3 else gains.rho3
-    u1, u2, u3 = allocate(parameters.allocation, rho, turn.u2, turn.u3)
+    u1, u2, u3 = allocate(parameters.allocation, rho, limits.roll_acceleration_rad_s2, turn.u2, turn.u3)
     demanded = Controls(u1, u2, u3, u4)
     u1, u2, u3 = limited_rates(limits, u1, u2, u3, previous, dt)
     controls = Controls(u1, u2, u3, speed)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from math import inf
-from typing import NamedTuple
+from math import inf, sqrt
+from typing import Final, NamedTuple
+
+#: So much of the rate of change that a limit allows is counted on to stop a turn; the rest is for delays.
+SLEW_PART: Final = 0.7
 
 
 class Controls(NamedTuple):
@@ -46,6 +49,19 @@ def clamp(value: float, lowest: float, highest: float) -> float:
     if value > highest:
         return highest
     return value
+
+
+def stoppable(rate: float, angle: float, acceleration: float) -> float:
+    """`rate` (>= 0, rad/s), or the highest from which a turn by `angle` (>= 0, rad) can be stopped in time.
+
+    That is sqrt(2 a angle) for a rate that changes by at most a (rad/s^2), of which `SLEW_PART` is counted
+    on. With more, a turn overshoots, and overshoots again on its way back.
+    """
+    if acceleration < inf:
+        highest = sqrt(2.0 * SLEW_PART * acceleration * angle)
+        if rate > highest:
+            return highest
+    return rate
 
 
 def limited_speed(limits: Limits, u4: float, previous: float, dt: float) -> float:

@@ -23,8 +23,9 @@ What is only measured: that flights converge. They do from every start tried wit
 and of circles, to the same centimetre as with pitch-yaw (rho 4 and 10, also with a lag of 0.1 s; a small set
 is in tests/test_allocation.py). They do not where the roll can only be changed slowly against rho: at
 5 rad/s^2, rho = 4 converges and rho = 10 ends in a limit cycle of 0.2 m on a 10 m circle at 2 m/s. A turn
-whose axis itself turns by w rad/s (a helix's does, by its torsion) leaves an angle of about w/rho to be rolled
-and with it a misalignment: on a helix of 5 m at 3 m/s, 1 m/s down, 3 cm with rho = 4 and 5 mm with rho = 10.
+whose axis itself turns by w rad/s (a helix's does, by its torsion) leaves an angle of about w/rho to be
+rolled and with it a misalignment: on a helix of 5 m at 3 m/s, 1 m/s down, 3 cm with rho = 4 and 5 mm with
+rho = 10.
 """
 
 from __future__ import annotations

@@ -48,7 +48,6 @@ class Tracker:
         """The flight is over; the next one starts anew."""
         self.start_ns = None
         self.origin_ned_m = None
-        self._memory = UNSTARTED
 
     def start(self, instant_ns: int, origin_ned_m: Vec3) -> None:
         """t = 0 is at `instant_ns`, and the trajectory's origin here, in the vehicle's local frame."""

@@ -171,6 +171,8 @@ def test_the_allocation_is_switched_in_flight_without_stopping_and_replays(tmp_p
     for command, dead in ((Command.ALLOCATE_ROLL_PITCH, 2), (Command.ALLOCATE_ROLL_YAW, 1)):
         flight.guide.command(command, flight.now_ns)
         commanded_ns = flight.now_ns + 1
+        flight.run(0.06)
+        assert records_of(flight, Status)[-1].allocation == command.removeprefix("allocate-")  # at once
         worst = 0.0
         for _ in range(100):
             flight.run(0.05)

@@ -138,7 +138,7 @@ SPEED = "must be a number from 0.001 to 1000"
         ),
         (
             ["law.error_function.name=k-of-r", "law.error_function.gain=60", "law.error_function.width_m=1"],
-            "law.error_function.gain = 60.0: (1 + gain) k / beta times the period of link.rate_hz = 50 is 1.22",
+            "law.error_function.gain = 60.0: (1 + gain) k / beta times the period of link.rate_hz = 50 is",
         ),
         (
             ["limits.yaw_acceleration_max_rad_s2=0"],

@@ -26,6 +26,10 @@ _HEADER: Final = re.compile(rf"\s*\[\[?\s*({_PATH})\s*\]")
 _ASSIGNMENT: Final = re.compile(rf"\s*({_PATH})\s*=")
 
 
+#: The keys that choose what the others in their table are.
+_CHOICES: Final = (["trajectory", "name"], ["law", "error_function", "name"])
+
+
 class ConfigError(Exception):
     """The operator's configuration is refused; the text says what, where, and what is allowed."""
 
@@ -147,7 +151,7 @@ def allowed(hint: Any) -> str:
     if origin is Literal:
         return _one_of(arguments)
     if origin in (Union, types.UnionType):
-        return " or ".join(map(allowed, arguments))
+        return " or ".join(allowed(part) for part in arguments if part is not type(None))
     if origin is tuple:
         if arguments[-1] is Ellipsis:
             return "a list of texts"
@@ -219,8 +223,8 @@ def override(data: dict[str, Any], setting: str) -> str:
         raise _refusal(
             setting, f"{dotted} is a table; name a key in it, such as {dotted}.{next(iter(inside), 'KEY')}"
         )
-    if path == ["trajectory", "name"] and table.get("name") != value:
-        table.clear()  # another trajectory's parameters mean nothing to this one
+    if path in _CHOICES and table.get("name") != value:
+        table.clear()  # another one's parameters mean nothing to this one
     table[path[-1]] = value
     return dotted
 

@@ -19,22 +19,19 @@ from msgspec import Meta
 
 from guidance.checking import ConfigError as ConfigError  # raised here, so found here
 from guidance.checking import Places, Problem, named, override, problems, shown
-from guidance.law import Gains, Limits
 from guidance.trajectory import Trajectory, sample
+from guidance.tuning import LawConfig as LawConfig
+from guidance.tuning import LimitsConfig as LimitsConfig
+from guidance.tuning import NonNegative, Positive, conflicts
+from guidance.tuning import Section as _Section
 
 #: So much of a trajectory is held against the limits.
 _LOOKED_AT_S: Final = 300
 _ROUNDING: Final = 1.0 + 1e-9
 
 Name = Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_.-]{1,64}\Z", description="1 to 64 letters, digits, _ . -")]
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 Timeout = Annotated[float, Meta(ge=0.05, le=2.0)]
 SystemId = Annotated[int, Meta(ge=1, le=255)]
-
-
-class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A table of the file. Unknown keys are refused: a misspelt limit must not be a missing limit."""
 
 
 class Vehicle(_Section, frozen=True, kw_only=True):
@@ -66,39 +63,6 @@ class SupervisorConfig(_Section, frozen=True, kw_only=True):
     engage_max_error_m: Positive
     step_timeout_s: Annotated[float, Meta(ge=1.0, le=60.0)] = 5.0
     exit_mode: str = "hold"
-
-
-class LawConfig(_Section, frozen=True, kw_only=True):
-    """Gains of (11) and (14); lambda = 1 / beta."""
-
-    k: Positive
-    rho2_per_s: Positive
-    rho3_per_s: Positive
-    beta: Positive = 1.0
-
-    def gains(self) -> Gains:
-        """As the law takes them."""
-        return Gains(k=self.k, rho2=self.rho2_per_s, rho3=self.rho3_per_s, beta=self.beta)
-
-
-class LimitsConfig(_Section, frozen=True, kw_only=True):
-    """What may be asked of the vehicle, always; rates are symmetric."""
-
-    speed_min_m_s: float
-    speed_max_m_s: Positive
-    roll_rate_max_rad_s: NonNegative
-    pitch_rate_max_rad_s: NonNegative
-    yaw_rate_max_rad_s: Positive
-
-    def limits(self) -> Limits:
-        """As the law takes them."""
-        return Limits(
-            speed_min_m_s=self.speed_min_m_s,
-            speed_max_m_s=self.speed_max_m_s,
-            roll_rate_rad_s=self.roll_rate_max_rad_s,
-            pitch_rate_rad_s=self.pitch_rate_max_rad_s,
-            yaw_rate_rad_s=self.yaw_rate_max_rad_s,
-        )
 
 
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
@@ -244,15 +208,7 @@ def _conflicts(config: Config) -> Iterator[Problem]:
         parse_connection(link.connection)
     except ValueError as error:
         yield Problem("link.connection", f" = {shown(link.connection)}: {error}")
-    rates = {"rho2_per_s": law.rho2_per_s, "rho3_per_s": law.rho3_per_s, "k": law.k / law.beta}
-    for key, rate in rates.items():
-        # A setpoint acts for a whole period: from 1 on it takes the error past zero, from 2 on it grows.
-        if rate >= link.rate_hz:
-            yield Problem(
-                f"law.{key}",
-                f" = {shown(getattr(law, key))}: {'k / beta' if key == 'k' else key} times the period of "
-                f"link.rate_hz = {link.rate_hz:g} is {rate / link.rate_hz:.3g}: must be below 1 to be stable",
-            )
+    yield from conflicts(law, limits, link.rate_hz)
     if limits.speed_min_m_s >= limits.speed_max_m_s:
         yield Problem(
             "limits.speed_min_m_s",

@@ -252,11 +252,24 @@ class Guide:
             self.engagement.shutdown()
             self._event(Level.NOTICE, "shutdown", "shutting down", now_ns)
             return
+        if command is not Command.ENGAGE:
+            self._allocate(command.removeprefix("allocate-"), now_ns)
+            return
         refused = self.engagement.engage(now_ns)
         if refused is None:
             self._event(Level.NOTICE, "engage", "engage commanded", now_ns)
         else:
             self._event(Level.WARNING, "engage_refused", refused, now_ns)
+
+    def _allocate(self, name: str, now_ns: int) -> None:
+        """An actuator failed, or works again: turn with these from the next setpoint on."""
+        refused = self.tracker.allocate(name)
+        if refused is None:
+            self._event(Level.NOTICE, "allocated", f"turning by {name}", now_ns)
+        else:
+            why = f"{name} refused: {refused}"
+            self._event(Level.WARNING, "allocation_refused", why, now_ns)
+        self._next_report_ns["status"] = now_ns
 
     # Ticking -----------------------------------------------------------------------------------------
 

@@ -6,71 +6,75 @@ columns of R, u1, u2, u3 roll, pitch and yaw rate and u4 the forward velocity, a
     R' = R hat(u1, u2, u3)        x' = u4 b1
 
 Any right-handed world frame will do; in flight it is NED. The metric (3) on translations is
-<V, W> = beta V.W, and lambda = 1/beta; psi_1 and psi_2 of (9) are quadratic, phi(x, r) = 1/2 k |x - r|^2.
-What follows from (11) and (14), wherever neither the branch below nor a limit on u2, u3 is active:
+<V, W> = beta V.W, and lambda = 1/beta; psi_1 and psi_2 of (9) are quadratic. One step of the law is
 
-    y5' = -rho3 y5        y6' = -rho2 y6        e' = -lambda k e - (y5 b2 + y6 b3)/beta    (u4 unlimited)
+1. the desired field Xr = r' - lambda d1 phi (3.3), for any error function (`error_function`);
+2. the speed (14), u4 = lambda y4, or max(0, lambda y4) for `GLOBAL`, within its limits (`limits`);
+3. the field's rate of change, Xr' = r'' - lambda (d/dt(d1 phi | x fixed) + H u4 b1), with the u4 of step 2
+   as it is applied: with that, (10) holds for any phi, not only for those of Prop. 3.1, for which the last
+   term has no part along X5 and X6;
+4. the turn of b1 into the field (`alignment`): (11), or the shortest arc;
+5. which of the rates do it (`allocation`), within their limits (`limits`).
 
-**y4 = 0.** (11) divides by y4 = <Xr, X4>, which is zero where the field stands at a right angle to b1:
-after a corner of the reference, but also in the middle of a flight, since the paper's claim after (13) that
-y4 never decreases does not hold. With y4 < 0 the law is well defined again but turns -b1 into the field and
-drives in reverse; a vehicle that cannot reverse (`speed_min_m_s >= 0`) does not converge from there. So:
+What follows from (11) and (14), for the pitch-yaw allocation and wherever neither a named branch nor a
+limit on u2, u3 is active:
 
-- |y4| <= Y4_RATIO_MIN |beta Xr|: (11) is taken with y4 = +Y4_RATIO_MIN |beta Xr| and without feed-forward.
-  That turns b1 *towards* the field, always (the fixed side), about as fast as (11) does at the edge of the
-  band on the forward side; at the edge on the reverse side the turn changes its sign, as it must somewhere.
-  The feed-forward is left out because where it outweighs the alignment, the full numerator turns b1 *away*
-  and would hold it at y4 = 0.
-- Everywhere, the rate vector (u2, u3) is shortened to at most max(rho2, rho3)/Y4_RATIO_MIN. The alignment
-  part of (11) stays below that on its own; a/y4 does not when Xr comes close to zero.
-- Xr = 0 has no direction: the rates are zero, the heading is held.
+    y5' = -rho3 y5        y6' = -rho2 y6        e' = -lambda d1 phi - (y5 b2 + y6 b3)/beta    (u4 unlimited)
 
-These three are what `Evaluation.singular` marks.
+Which law: `PAPER` for vehicles that can reverse, or that start facing their field; `GLOBAL` for all that
+only go forward. `alignment` says what each does where it is singular.
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf
 from typing import Final, NamedTuple
 
-from guidance.se3 import Pose, Reference, Vec3, body_axes, dot, from_yaw, subtract, yaw_of
+from guidance import error_function as phi
+from guidance.alignment import Y4_RATIO_MIN as Y4_RATIO_MIN
+from guidance.alignment import Gains as Gains
+from guidance.alignment import global_turn, paper_turn
+from guidance.allocation import ALIGNED_PART, PITCH_YAW, allocate
+from guidance.error_function import Derivatives, ErrorFunction, Symmetric, derivatives, times
+from guidance.limits import Controls as Controls
+from guidance.limits import Limits as Limits
+from guidance.limits import clamp as clamp
+from guidance.limits import limited_rates, limited_speed
+from guidance.se3 import (
+    ZERO,
+    Pose,
+    Reference,
+    Twist,
+    Vec3,
+    body_axes,
+    dot,
+    from_yaw,
+    subtract,
+    yaw_of,
+)
 
-#: Sine of the angle about the right angle between b1 and the field within which (11) gives way to the branch.
-#: 2.9 degrees: wider than an attitude's noise, narrow enough for the error after a corner to be within 0.2 %
-#: of what ever smaller values lead to. With rho = 10 it bounds the rates by 200 rad/s, which an integrator
-#: resolves with steps of 1 ms.
-Y4_RATIO_MIN: Final = 0.05
+PAPER: Final = 0
+GLOBAL: Final = 1
 
 
-class Gains(NamedTuple):
-    """All positive: k and beta scale (3) and phi (lambda k in 1/s), rho2 and rho3 are in 1/s (11)."""
+class Parameters(NamedTuple):
+    """What a flight chooses: `law` is `PAPER` or `GLOBAL`, `allocation` one of `allocation`'s.
 
-    k: float
-    rho2: float
-    rho3: float
-    beta: float
-
-
-class Limits(NamedTuple):
-    """What the vehicle can do; rates are bounded by +-, all at least 0 and speed_min <= speed_max.
-
-    `speed_min_m_s` below zero allows reverse. Infinite values mean no limit.
+    The allocation may change from one step to the next, as when an actuator fails; so may all else.
     """
 
-    speed_min_m_s: float
-    speed_max_m_s: float
-    roll_rate_rad_s: float
-    pitch_rate_rad_s: float
-    yaw_rate_rad_s: float
+    law: int
+    allocation: int
+    gains: Gains
+    error_function: ErrorFunction
+    limits: Limits
 
 
-class Controls(NamedTuple):
-    """u of (1): roll, pitch and yaw rate in rad/s about the body axes (FRD), forward speed in m/s."""
+class Memory(NamedTuple):
+    """What one step leaves for the next: the controls that were applied. Only the limits on change use it."""
 
-    u1: float
-    u2: float
-    u3: float
-    u4: float
+    started: bool
+    controls: Controls
 
 
 class Field(NamedTuple):
@@ -84,8 +88,8 @@ class Evaluation(NamedTuple):
     """Everything one evaluation of the law found, for the setpoint and for the record.
 
     `controls` are after the limits, `demanded` before; e = x - r in m, world; y4, y5, y6 are <Xr, X4>,
-    <Xr, X5>, <Xr, X6>; V1 is phi and V2 is (9). `saturated`: a limit changed `demanded`. `singular`: (11)
-    was replaced, see the module.
+    <Xr, X5>, <Xr, X6>; V1 is phi and V2 is (9). `saturated`: a limit changed `demanded`. `singular`: a named
+    branch of `alignment` was taken.
     """
 
     controls: Controls
@@ -100,91 +104,96 @@ class Evaluation(NamedTuple):
     singular: bool
 
 
-def desired_field(gains: Gains, x: Vec3, reference: Reference) -> Field:
+#: Before the first step.
+UNSTARTED: Final = Memory(False, Controls(0.0, 0.0, 0.0, 0.0))
+REST: Final = Twist(ZERO, ZERO)
+
+
+def field_of(beta: float, d: Derivatives, reference: Reference) -> Field:
     """Xr = r' - lambda d1 phi (3.3) and a = r'' - lambda d/dt(d1 phi | x fixed), as (10) has it."""
-    r, r_dot, r_ddot = reference
-    lambda_k = gains.k / gains.beta
+    r_dot = reference.velocity
+    r_ddot = reference.acceleration
     return Field(
-        Vec3(
-            r_dot.x - lambda_k * (x.x - r.x),
-            r_dot.y - lambda_k * (x.y - r.y),
-            r_dot.z - lambda_k * (x.z - r.z),
-        ),
-        Vec3(
-            r_ddot.x + lambda_k * r_dot.x,
-            r_ddot.y + lambda_k * r_dot.y,
-            r_ddot.z + lambda_k * r_dot.z,
-        ),
+        Vec3(r_dot.x - d.d1.x / beta, r_dot.y - d.d1.y / beta, r_dot.z - d.d1.z / beta),
+        Vec3(r_ddot.x - d.d1_dot.x / beta, r_ddot.y - d.d1_dot.y / beta, r_ddot.z - d.d1_dot.z / beta),
     )
 
 
-def clamp(value: float, lowest: float, highest: float) -> float:
-    """The nearest value in [lowest, highest]."""
-    if value < lowest:
-        return lowest
-    if value > highest:
-        return highest
-    return value
+def desired_field(
+    gains: Gains, x: Vec3, reference: Reference, error_function: ErrorFunction = phi.PAPER
+) -> Field:
+    """The field at x; for phi = 1/2 k |x - r|^2 unless another is given."""
+    e = subtract(x, reference.position)
+    return field_of(gains.beta, derivatives(error_function, gains.k, gains.beta, e, reference), reference)
+
+
+def guide_step(
+    parameters: Parameters, memory: Memory, pose: Pose, twist: Twist, reference: Reference, dt: float
+) -> tuple[Memory, Evaluation]:
+    """One step of the law, `dt` s after the step that `memory` comes from.
+
+    `pose`, `twist` (body axes, used by the first step alone, in place of a memory) and `reference` hold for
+    the same instant, in the same world frame. The caller has checked that all is finite, the attitude a
+    unit quaternion and dt >= 0; then nothing raises and, for magnitudes up to 1e70, every result is finite,
+    with |(u2, u3)| <= max(rho2, rho3)/Y4_RATIO_MIN and |u1| <= max(rho2, rho3) pi/2 before the limits.
+    """
+    gains = parameters.gains
+    limits = parameters.limits
+    beta = gains.beta
+    e = subtract(pose.position, reference.position)
+    d = derivatives(parameters.error_function, gains.k, beta, e, reference)
+    Xr, a = field_of(beta, d, reference)
+    b1, b2, b3 = body_axes(pose.attitude)
+    # <Xr, X4>, <Xr, X5>, <Xr, X6> with the metric (3)
+    y = Vec3(beta * dot(b1, Xr), beta * dot(b2, Xr), beta * dot(b3, Xr))
+
+    previous = memory.controls
+    if not memory.started:
+        w = twist.angular
+        previous = Controls(w.x, w.y, w.z, twist.linear.x)
+
+    # (14)
+    u4 = y.x / beta
+    if parameters.law == GLOBAL and u4 < 0.0:
+        u4 = 0.0
+    speed = limited_speed(limits, u4, previous.u4, dt)
+
+    # <Xr', X4>, <Xr', X5>, <Xr', X6>. The part of H that is a multiple of 1 has none along X5 and X6: it is
+    # taken out first, so that for the functions of Prop. 3.1 nothing is left there, not even rounding.
+    H = d.hessian
+    rest = times(Symmetric(0.0, H.yy - H.xx, H.zz - H.xx, H.xy, H.xz, H.yz), b1)
+    y_dot = Vec3(
+        beta * dot(b1, a) - speed * (H.xx + dot(b1, rest)),
+        beta * dot(b2, a) - speed * dot(b2, rest),
+        beta * dot(b3, a) - speed * dot(b3, rest),
+    )
+
+    rho = gains.rho2 if gains.rho2 > gains.rho3 else gains.rho3
+    if parameters.allocation != PITCH_YAW:
+        gains = Gains(gains.k, ALIGNED_PART * gains.rho2, ALIGNED_PART * gains.rho3, beta)
+    if parameters.law == GLOBAL:
+        slowest = min(limits.pitch_acceleration_rad_s2, limits.yaw_acceleration_rad_s2)
+        turn = global_turn(gains, slowest, y, y_dot)
+    else:
+        turn = paper_turn(gains, y, y_dot)
+    u1, u2, u3 = allocate(parameters.allocation, rho, limits.roll_acceleration_rad_s2, turn.u2, turn.u3)
+    demanded = Controls(u1, u2, u3, u4)
+    u1, u2, u3 = limited_rates(limits, u1, u2, u3, previous, dt)
+    controls = Controls(u1, u2, u3, speed)
+
+    V2 = 0.5 * (y.y * y.y + y.z * y.z)
+    return Memory(True, controls), Evaluation(
+        controls, demanded, e, y.x, y.y, y.z, d.phi, V2, controls != demanded, turn.singular
+    )
 
 
 def evaluate(gains: Gains, limits: Limits, pose: Pose, reference: Reference) -> Evaluation:
-    """The law `paper`: (11) and (14), then each control clamped on its own as in section 4.
+    """The paper's law alone: (11) and (14) for phi = 1/2 k |x - r|^2 with u1 = 0, in one pose.
 
-    `pose` and `reference` hold for the same instant, in the same world frame. The caller has checked that
-    all is finite and the attitude a unit quaternion; then nothing raises and, for magnitudes up to 1e70,
-    every result is finite, with |(u2, u3)| <= max(rho2, rho3)/Y4_RATIO_MIN before the limits.
+    Without a step before it there is no rate of change to be limited.
     """
-    beta = gains.beta
-    rho2 = gains.rho2
-    rho3 = gains.rho3
-    Xr, a = desired_field(gains, pose.position, reference)
-    b1, b2, b3 = body_axes(pose.attitude)
-
-    # <Xr, X4>, <Xr, X5>, <Xr, X6> and <a, X5>, <a, X6> with the metric (3)
-    y4 = beta * dot(b1, Xr)
-    y5 = beta * dot(b2, Xr)
-    y6 = beta * dot(b3, Xr)
-    a5 = beta * dot(b2, a)
-    a6 = beta * dot(b3, a)
-
-    # (11), with dpsi_1 = y5 and dpsi_2 = y6: the turn that is wanted, over y4
-    turn5 = rho3 * y5 + a5
-    turn6 = rho2 * y6 + a6
-    divisor = y4
-    y4_min = Y4_RATIO_MIN * sqrt(y4 * y4 + y5 * y5 + y6 * y6)
-    singular = -y4_min <= y4 <= y4_min
-    if singular:
-        turn5 = rho3 * y5
-        turn6 = rho2 * y6
-        divisor = y4_min
-    if y4_min > 0.0:
-        turn = sqrt(turn5 * turn5 + turn6 * turn6)
-        turn_max = (rho2 if rho2 > rho3 else rho3) / Y4_RATIO_MIN * abs(divisor)
-        if turn > turn_max:
-            singular = True
-            turn5 *= turn_max / turn
-            turn6 *= turn_max / turn
-        u2 = -turn6 / divisor
-        u3 = turn5 / divisor
-    else:  # Xr = 0
-        singular = True
-        u2 = 0.0
-        u3 = 0.0
-
-    # (14); u1 = 0 keeps within any limit
-    u4 = y4 / beta
-    demanded = Controls(0.0, u2, u3, u4)
-    controls = Controls(
-        0.0,
-        clamp(u2, -limits.pitch_rate_rad_s, limits.pitch_rate_rad_s),
-        clamp(u3, -limits.yaw_rate_rad_s, limits.yaw_rate_rad_s),
-        clamp(u4, limits.speed_min_m_s, limits.speed_max_m_s),
-    )
-
-    e = subtract(pose.position, reference.position)
-    V1 = 0.5 * gains.k * dot(e, e)
-    V2 = 0.5 * (y5 * y5 + y6 * y6)
-    return Evaluation(controls, demanded, e, y4, y5, y6, V1, V2, controls != demanded, singular)
+    parameters = Parameters(PAPER, PITCH_YAW, gains, phi.PAPER, limits)
+    return guide_step(parameters, UNSTARTED, pose, REST, reference, inf)[1]
 
 
 def planar(pose: Pose, reference: Reference) -> tuple[Pose, Reference]:
@@ -192,7 +201,7 @@ def planar(pose: Pose, reference: Reference) -> tuple[Pose, Reference]:
 
     The attitude keeps only its heading (`se3.yaw_of`, which also says what it is where b1 is vertical), and
     the reference is put at the vehicle's height with no vertical motion, so that errors live in the
-    plane. `evaluate` then gives u1 = u2 = 0, and u4 is ground speed.
+    plane. The law then gives u1 = u2 = 0 (in the pitch-yaw allocation), and u4 is ground speed.
     """
     x = pose.position
     r, r_dot, r_ddot = reference

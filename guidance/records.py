@@ -41,6 +41,9 @@ class Command(StrEnum):
 
     ENGAGE = "engage"
     SHUTDOWN = "shutdown"
+    ALLOCATE_PITCH_YAW = "allocate-pitch-yaw"
+    ALLOCATE_ROLL_PITCH = "allocate-roll-pitch"
+    ALLOCATE_ROLL_YAW = "allocate-roll-yaw"
 
 
 class Input(Record, frozen=True, kw_only=True, gc=False):
@@ -127,8 +130,11 @@ class TrackingError(Record, frozen=True, kw_only=True, gc=False):
     field_body: Triple
 
 
-class Status(Record, frozen=True, kw_only=True):
+class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     """The supervisor: its state, since when, why, and what it knows of the vehicle's mode.
+
+    `allocation` names the rates that turn the vehicle; it is left out while it is the paper's, as in logs
+    from before it could be another.
 
     `trajectory_start_ns` is the instant of t = 0 and `origin_ned_m` the trajectory's origin in the
     vehicle's local frame; both are set at the first tracking tick.
@@ -143,6 +149,7 @@ class Status(Record, frozen=True, kw_only=True):
     trajectory_start_ns: int | None
     origin_ned_m: Triple | None
     setpoints_sent: int
+    allocation: str = "pitch-yaw"
 
 
 class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):

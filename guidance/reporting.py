@@ -31,6 +31,7 @@ def status_record(
         trajectory_start_ns=tracker.start_ns,
         origin_ned_m=tracker.origin_ned_m,
         setpoints_sent=setpoints_sent,
+        allocation=tracker.allocation,
     )
 
 

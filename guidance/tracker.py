@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.law import Evaluation, evaluate, planar
+from guidance.law import UNSTARTED, Evaluation, Memory, guide_step, planar
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import Outgoing, Profile, outgoing
-from guidance.se3 import Pose, Reference, Vec3, add, norm, subtract
+from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, add, norm, subtract
 from guidance.trajectory import sample
+from guidance.tuning import ALLOCATIONS, cannot_allocate, parameters
 
 
 class Solution(NamedTuple):
@@ -24,15 +25,22 @@ class Solution(NamedTuple):
 
 
 class Tracker:
-    """Knows the trajectory's origin and start; both are fixed at the first tracking tick."""
+    """Knows the trajectory's origin and start; both are fixed at the first tracking tick.
+
+    `allocation` names the actuators that turn the vehicle; it outlives a flight, as a broken actuator does.
+    """
 
     def __init__(self, config: Config, profile: Profile) -> None:
         self.start_ns: int | None = None
         self.origin_ned_m: Vec3 | None = None
         self._trajectory = config.trajectory
         self._origin = config.flight.origin
-        self._gains = config.law.gains()
-        self._limits = config.limits.limits()
+        self.allocation: str = config.law.allocation
+        self._law = config.law
+        self._limits = config.limits
+        self._parameters = parameters(config.law, config.limits, ZERO)
+        self._memory: Memory = UNSTARTED
+        self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
 
@@ -45,6 +53,22 @@ class Tracker:
         """t = 0 is at `instant_ns`, and the trajectory's origin here, in the vehicle's local frame."""
         self.start_ns = instant_ns
         self.origin_ned_m = origin_ned_m
+        self._memory = UNSTARTED
+        self._stepped_ns = instant_ns
+        self._parameters = parameters(self._law, self._limits, origin_ned_m)._replace(
+            allocation=ALLOCATIONS[self.allocation]
+        )
+
+    def allocate(self, name: str) -> str | None:
+        """Turn with these actuators from now on, in whatever flight; or why that is refused."""
+        if name != "pitch-yaw" and self._profile.planar:
+            return f"{self._profile.name} is planar and cannot roll"
+        without = cannot_allocate(name, self._limits)
+        if without is not None:
+            return f"limits.{without[0]} = {without[1]:g} leaves it without that rate"
+        self.allocation = name
+        self._parameters = self._parameters._replace(allocation=ALLOCATIONS[name])
+        return None
 
     def find_origin(
         self, position_ned_m: Vec3, ekf: GpsGlobalOrigin | None, home: HomePosition | None
@@ -79,9 +103,13 @@ class Tracker:
         relative = sample(self._trajectory, trajectory_s)
         reference = relative._replace(position=add(self.origin_ned_m, relative.position))
         pose: Pose = estimate.pose
+        twist = estimate.twist
         if self._profile.planar:
             pose, reference = planar(pose, reference)
-        evaluation = evaluate(self._gains, self._limits, pose, reference)
+            twist = Twist(Vec3(0.0, 0.0, twist.angular.z), twist.linear)
+        dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
+        self._stepped_ns = estimate.instant_ns
+        self._memory, evaluation = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
         u = evaluation.controls
         return Solution(
             trajectory_s,

@@ -69,9 +69,9 @@ def gains() -> st.SearchStrategy[Gains]:
 
 
 def limits() -> st.SearchStrategy[Limits]:
-    """Vehicles with and without reverse."""
+    """Vehicles with and without reverse, each control clamped on its own."""
     positive = st.floats(0.01, 10.0)
-    return st.builds(Limits, st.floats(-5.0, 0.0), positive, positive, positive, positive)
+    return st.tuples(st.floats(-5.0, 0.0), positive, positive, positive, positive).map(lambda t: Limits(*t))
 
 
 def facing(sine: float, side: float, speed: float = 1.0, a: Vec3 = ZERO) -> tuple[Pose, Reference]:

@@ -182,8 +182,12 @@ def test_saturation_of_each_axis_is_told() -> None:
     free = evaluate(SECTION_4_GAINS, UNBOUNDED, pose, r)
     assert not free.saturated
     assert min(abs(free.demanded.u2), abs(free.demanded.u3), free.demanded.u4) > 0.5
-    for field in ("speed_max_m_s", "pitch_rate_rad_s", "yaw_rate_rad_s"):
-        assert evaluate(SECTION_4_GAINS, UNBOUNDED._replace(**{field: 0.5}), pose, r).saturated
+    for bounds in (
+        UNBOUNDED._replace(speed_max_m_s=0.5),
+        UNBOUNDED._replace(pitch_rate_rad_s=0.5),
+        UNBOUNDED._replace(yaw_rate_rad_s=0.5),
+    ):
+        assert evaluate(SECTION_4_GAINS, bounds, pose, r).saturated
     reverse = facing(-0.5, 0.7, speed=2.0)
     assert evaluate(SECTION_4_GAINS, UNBOUNDED, *reverse).controls.u4 == pytest.approx(-1.0)
     stopped = evaluate(SECTION_4_GAINS, UNBOUNDED._replace(speed_min_m_s=0.0), *reverse)

@@ -152,7 +152,7 @@ PROFILES: Final[dict[str, Profile]] = {
 
 
 def profile_of(config: Config) -> Profile:
-    """The row that the configuration names; raises ConfigError for an unknown profile or exit mode."""
+    """The row that the configuration names; raises ConfigError for what this profile cannot do."""
     profile = PROFILES.get(config.vehicle.profile)
     if profile is None:
         raise ConfigError(
@@ -163,6 +163,11 @@ def profile_of(config: Config) -> Profile:
         raise ConfigError(
             f"supervisor.exit_mode = {config.supervisor.exit_mode!r}: not a mode to leave to; "
             f"{profile.name} knows {', '.join(allowed)}"
+        )
+    if profile.planar and config.law.allocation != "pitch-yaw":
+        raise ConfigError(
+            f"law.allocation = {config.law.allocation!r}: {profile.name} is planar and cannot roll; "
+            "must be 'pitch-yaw'"
         )
     return profile
 

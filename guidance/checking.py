@@ -13,7 +13,7 @@ import re
 import reprlib
 import tomllib
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Annotated, Any, Final, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
@@ -99,11 +99,9 @@ def _value_problems(value: Any, hint: Any, key: str) -> Iterator[Problem]:
         if isinstance(name, str) and name in tags:
             yield from problems(value, tags[name], key)
         elif tag_field in value:
-            yield Problem(
-                f"{key}.{tag_field}", f"{_value(name)}: must be {_one_of(tags)}{_meant(name, tags)}"
-            )
+            yield Problem(f"{key}.{tag_field}", f"{_value(name)}: must be {one_of(tags, name)}")
         else:
-            yield Problem(f"{key}.{tag_field}", f" is missing: must be {_one_of(tags)}")
+            yield Problem(f"{key}.{tag_field}", f" is missing: must be {one_of(tags)}")
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -127,8 +125,8 @@ def _unknown(key: str, kind: type[msgspec.Struct], hints: Mapping[str, Any], abo
     return f"unknown {what}{_meant(key, hints)}; {who} has {', '.join(hints)}"
 
 
-def _meant(wrong: object, known: Mapping[str, Any]) -> str:
-    close = get_close_matches(str(wrong), known, n=1)
+def _meant(wrong: object, known: Iterable[str]) -> str:
+    close = get_close_matches(str(wrong), list(known), n=1)
     return f" (did you mean {close[0]}?)" if close else ""
 
 
@@ -149,12 +147,13 @@ def allowed(hint: Any) -> str:
         metas = [meta for meta in arguments[1:] if isinstance(meta, Meta)]
         return allowed(arguments[0]) + "".join(_range(meta) + _described(meta) for meta in metas)
     if origin is Literal:
-        return _one_of(arguments)
+        return one_of(arguments)
     if origin in (Union, types.UnionType):
         return " or ".join(allowed(part) for part in arguments if part is not type(None))
     if origin is tuple:
         if arguments[-1] is Ellipsis:
-            return "a list of texts"
+            of = get_args(arguments[0])[1:] if get_origin(arguments[0]) is Annotated else ()
+            return "a list of texts" + "".join(_described(meta) for meta in of if isinstance(meta, Meta))
         return f"a list of {len(arguments)} numbers"
     return {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}[hint]
 
@@ -180,9 +179,11 @@ def _described(meta: Meta) -> str:
     return f" ({meta.description})" if meta.description else ""
 
 
-def _one_of(values: Any) -> str:
-    *most, last = [json.dumps(value) for value in values]
-    return f"{', '.join(most)} or {last}" if most else last
+def one_of(names: Iterable[str], wrong: object = None) -> str:
+    """The names that are allowed, and which of them was likely meant by a `wrong` one."""
+    names = list(names)
+    *most, last = [json.dumps(name) for name in names]
+    return (f"{', '.join(most)} or {last}" if most else last) + (_meant(wrong, names) if wrong else "")
 
 
 def _value(value: Any) -> str:

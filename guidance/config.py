@@ -7,7 +7,6 @@ thrust must be written down. Errors name key, place, value and what is allowed, 
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,16 +17,14 @@ import msgspec
 from msgspec import Meta
 
 from guidance.checking import ConfigError as ConfigError  # raised here, so found here
-from guidance.checking import Places, Problem, named, override, problems, shown
-from guidance.trajectory import Trajectory, sample
+from guidance.checking import Places, Problem, named, one_of, override, problems, shown
+from guidance.feasibility import infeasible
+from guidance.mavlink.profiles import PROFILES, Profile
+from guidance.trajectory import Trajectory
 from guidance.tuning import LawConfig as LawConfig
 from guidance.tuning import LimitsConfig as LimitsConfig
-from guidance.tuning import NonNegative, Positive, conflicts
+from guidance.tuning import NonNegative, Positive, cannot_allocate, conflicts
 from guidance.tuning import Section as _Section
-
-#: So much of a trajectory is held against the limits.
-_LOOKED_AT_S: Final = 300
-_ROUNDING: Final = 1.0 + 1e-9
 
 Name = Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_.-]{1,64}\Z", description="1 to 64 letters, digits, _ . -")]
 Timeout = Annotated[float, Meta(ge=0.05, le=2.0)]
@@ -48,7 +45,7 @@ class Link(_Section, frozen=True, kw_only=True):
     """How the autopilot is reached, and when its data is too old."""
 
     connection: str
-    rate_hz: Annotated[float, Meta(ge=2.0, le=400.0)] = 50.0
+    rate_hz: Annotated[float, Meta(ge=5.0, le=200.0)] = 50.0
     attitude_timeout_s: Timeout
     position_timeout_s: Timeout
     heartbeat_timeout_s: Annotated[float, Meta(ge=1.5, le=30.0)] = 3.0
@@ -80,13 +77,25 @@ class Flight(_Section, frozen=True, kw_only=True):
     origin: Origin
 
 
+_OPTION: Final = r"[A-Za-z0-9_.-]+(=[^\s\0?#;]*)?"
+_OPTIONS: Final = rf"{_OPTION}(;{_OPTION})*"
+#: PROTOCOL/ADDRESS?METADATA#CONFIG. Whatever this takes zenoh takes, though it may know no such protocol.
+Locator = Annotated[
+    str,
+    Meta(
+        pattern=rf"\A[A-Za-z0-9_-]+/[^\s\0?#]+(\?{_OPTIONS})?(#{_OPTIONS})?\Z",
+        description="PROTOCOL/ADDRESS, such as tcp/192.168.1.2:7447",
+    ),
+]
+
+
 class Zenoh(_Section, frozen=True, kw_only=True):
-    """Telemetry. Endpoints are zenoh locators, such as `tcp/127.0.0.1:7447`."""
+    """Telemetry. A file replaces all the other settings but `enabled`."""
 
     enabled: bool = True
     mode: Literal["peer", "client"] = "peer"
-    connect: tuple[str, ...] = ()
-    listen: tuple[str, ...] = ()
+    connect: tuple[Locator, ...] = ()
+    listen: tuple[Locator, ...] = ()
     multicast_scouting: bool = False
     config_file: str = ""
 
@@ -191,9 +200,17 @@ def parse(text: str, where: str, overrides: Sequence[str] = ()) -> Config:
 def from_json(data: str) -> Config:
     """The configuration in a log's session record; raises ConfigError if it is of another make."""
     try:
-        return msgspec.json.decode(data, type=Config)
+        config = msgspec.json.decode(data, type=Config)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise ConfigError(f"the configuration in the log: {error}") from None
+    for problem in _conflicts(config):
+        raise ConfigError(f"the configuration in the log: {problem.key}{problem.text}")
+    return config
+
+
+def profile_of(config: Config) -> Profile:
+    """The row that a checked configuration names."""
+    return PROFILES[config.vehicle.profile]
 
 
 def to_json(config: Config) -> str:
@@ -208,44 +225,53 @@ def _conflicts(config: Config) -> Iterator[Problem]:
         parse_connection(link.connection)
     except ValueError as error:
         yield Problem("link.connection", f" = {shown(link.connection)}: {error}")
-    yield from conflicts(law, limits, link.rate_hz)
-    if limits.speed_min_m_s >= limits.speed_max_m_s:
-        yield Problem(
-            "limits.speed_min_m_s",
-            f" = {limits.speed_min_m_s:g}: must be below speed_max_m_s = {limits.speed_max_m_s:g}",
-        )
-    else:
-        yield from _infeasible(config)
+    yield from conflicts(law, link.rate_hz)
+    yield from _zenoh_conflicts(config.zenoh)
+    profile = PROFILES.get(config.vehicle.profile)
+    if profile is None:
+        name = config.vehicle.profile
+        yield Problem("vehicle.profile", f" = {shown(name)}: must be {one_of(sorted(PROFILES), name)}")
+        return  # what the others may be is not known
+    yield from _profile_conflicts(config, profile)
+    full_m_s = config.vehicle.speed_at_full_thrust_m_s
+    yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar)
 
 
-def _infeasible(config: Config) -> Iterator[Problem]:
-    """A reference that no vehicle within these limits could follow, by its horizontal motion."""
-    limits, trajectory = config.limits, config.trajectory
-    name = str(trajectory.__struct_config__.tag)
-    moving = [sample(trajectory, 0.5 * i) for i in range(_LOOKED_AT_S * 2)]
-    speeds = [math.hypot(r.velocity.x, r.velocity.y) for r in moving]
-    fastest = min(limits.speed_max_m_s, config.vehicle.speed_at_full_thrust_m_s)
-    if max(speeds) > fastest * _ROUNDING:
+def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
+    exits = [mode.name for mode in profile.modes if mode != profile.control_mode]
+    name = config.supervisor.exit_mode
+    if name not in exits:
         yield Problem(
-            "trajectory.name",
-            f" = {shown(name)}: it moves at {max(speeds):.3g} m/s, and the vehicle at most at {fastest:g} "
-            "(limits.speed_max_m_s, vehicle.speed_at_full_thrust_m_s)",
+            "supervisor.exit_mode",
+            f" = {shown(name)}: not a mode that {profile.name} can be left in; must be {one_of(exits, name)}",
         )
-    elif min(speeds) * _ROUNDING < limits.speed_min_m_s:
+    allocation = config.law.allocation
+    if profile.planar and allocation != "pitch-yaw":
         yield Problem(
-            "trajectory.name",
-            f" = {shown(name)}: it moves at {min(speeds):.3g} m/s, and the vehicle never slower than "
-            f"limits.speed_min_m_s = {limits.speed_min_m_s:g}",
+            "law.allocation",
+            f' = {shown(allocation)}: {profile.name} is planar and cannot roll; must be "pitch-yaw"',
         )
-    turns = [
-        abs(r.velocity.x * r.acceleration.y - r.velocity.y * r.acceleration.x) / (speed * speed)
-        for r, speed in zip(moving, speeds, strict=True)
-        if speed > 1e-6
-    ]
-    fastest_turn = math.hypot(limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
-    if max(turns, default=0.0) > fastest_turn * _ROUNDING:
+    without = cannot_allocate(allocation, config.limits)
+    if without is not None and not profile.planar:
         yield Problem(
-            "trajectory.name",
-            f" = {shown(name)}: it turns at {max(turns):.3g} rad/s, and the vehicle at most at "
-            f"{fastest_turn:.3g} (limits.yaw_rate_max_rad_s, limits.pitch_rate_max_rad_s)",
+            "law.allocation",
+            f" = {shown(allocation)}: limits.{without[0]} = {without[1]:g} leaves it without that "
+            "rate: must be above 0",
+        )
+
+
+def _zenoh_conflicts(zenoh: Zenoh) -> Iterator[Problem]:
+    if zenoh.config_file:
+        plain = Zenoh()
+        for key in ("mode", "connect", "listen", "multicast_scouting"):
+            value = getattr(zenoh, key)
+            if value != getattr(plain, key):
+                text = shown(list(value) if isinstance(value, tuple) else value)
+                yield Problem(
+                    f"zenoh.{key}", f" = {text}: zenoh.config_file replaces it; set only one of the two"
+                )
+    elif zenoh.mode == "client" and not zenoh.connect and not zenoh.multicast_scouting:
+        yield Problem(
+            "zenoh.mode",
+            ' = "client": a client needs a router; name it in zenoh.connect, or set zenoh.multicast_scouting',
         )

@@ -15,8 +15,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.config import Config
-from guidance.engagement import Change, Engagement, View
+from guidance.config import Config, profile_of
+from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimate, Estimator
 from guidance.mavlink.link import AutopilotLink, Received
 from guidance.mavlink.messages import (
@@ -32,7 +32,6 @@ from guidance.mavlink.profiles import (
     Mode,
     command_long,
     neutral,
-    profile_of,
     set_attitude_target,
     set_mode_command,
 )
@@ -41,9 +40,10 @@ from guidance.mavlink.streams import Stream
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
 from guidance.reporting import setpoint_records, state_record, status_record
-from guidance.supervisor import SETPOINTS, Setpoints, State
+from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
 from guidance.timing import LoopTiming
 from guidance.tracker import Solution, Tracker, is_usable
+from guidance.view import View
 
 #: Attitude and position are asked for at the setpoints' rate, or its smallest multiple of at least this.
 STATE_HZ_MIN: Final = 20.0
@@ -202,6 +202,7 @@ class Guide:
         if stream is not None:
             stream.arrived(now_ns, valid=True)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
+            self.engagement.answered(body, now_ns)
             if body.result != dialect.MAV_RESULT_ACCEPTED:
                 entry = dialect.enums["MAV_RESULT"].get(body.result)
                 self._answer = str(body.result) if entry is None else entry.name.removeprefix("MAV_RESULT_")
@@ -284,17 +285,23 @@ class Guide:
 
     def _streams(self) -> bool:
         """Whether setpoints flow in this state."""
-        if self.engagement.state is State.READY:
-            return self.engagement.may_offer_stream(self._view(None, 0))
-        return SETPOINTS[self.engagement.state] is not Setpoints.NONE
+        return self.engagement.streaming
 
     def _supervise(self, now_ns: int) -> None:
         estimate = self._estimate(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY)
         blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
+        mode_age_s = None
+        if (modes := self.link.streams.get("CURRENT_MODE")) is not None:
+            mode_age_s = modes.status(now_ns).age_s
+        mode_ns = None if mode_age_s is None else now_ns - round(mode_age_s * 1e9)
+        self.engagement.contact.look(self.link.received, self.link.heartbeat_ns, mode_ns, now_ns)
         view = self._view(blocked, now_ns)
         for change in self.engagement.update(view, now_ns):
             self._changed(change, now_ns)
+        expired = self.engagement.expired(now_ns)
+        if expired is not None:
+            self._event(Level.WARNING, "engage_expired", expired, now_ns)
         wanted = self.engagement.due_command(view, now_ns)
         system, component = self.link.system, self.link.component
         if isinstance(wanted, Mode):
@@ -307,7 +314,7 @@ class Guide:
         loud = change.after in _LOUD
         level = Level.WARNING if loud else Level.NOTICE
         self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
-        self.link.status_text(_SEVERITY[level], f"guidance: {change.after}: {change.reason}")
+        self.link.status_text(_SEVERITY[level], status_text(change.after, change.event, change.reason))
         self._next_report_ns["status"] = now_ns
         if change.after in (State.STREAMING, State.SWITCHING, State.ARMING, State.LEAVING):
             self._answer = ""
@@ -330,6 +337,9 @@ class Guide:
             setpoints_sent=self.setpoints_sent,
             silent_s=float("inf") if self._sent_ns is None else (now_ns - self._sent_ns) * 1e-9,
             answer=self._answer,
+            heartbeat_ns=link.heartbeat_ns,
+            unheard_s=self.engagement.contact.unheard_s,
+            certain=self.engagement.contact.certain,
         )
 
     # Setpoints ---------------------------------------------------------------------------------------

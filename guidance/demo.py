@@ -24,7 +24,7 @@ from guidance.config import Config, ConfigError, from_json, load, parse_connecti
 from guidance.demo_view import Result as Result  # what `fly` returns, so found here
 from guidance.demo_view import View
 from guidance.figures import Goals, StreamFigures, TrackingFigures, stream_figures, tracking_figures
-from guidance.mavlink.profiles import PROFILES, profile_of
+from guidance.mavlink.profiles import PROFILES
 from guidance.records import Packet, Record, Session, Status
 from guidance.se3 import Vec3, add, norm, subtract
 from guidance.telemetry.log import LogDamaged, NotALog, read_records
@@ -99,7 +99,6 @@ def fly(seconds: float, overrides: Sequence[str]) -> Result:
 def _plan(overrides: Sequence[str]) -> _Plan:
     settings = [f'link.connection="udpin://127.0.0.1:{_free_port(socket.SOCK_DGRAM)}"', *overrides]
     config = load(CONFIG_FILE, settings)
-    profile_of(config)
     zenoh = config.zenoh
     if not (config.log.enabled and zenoh.enabled):
         raise ConfigError(

@@ -2,6 +2,9 @@
 
 The sequence is stream -> mode -> (arm) -> verified by HEARTBEAT or CURRENT_MODE, never by an ACK: PX4 sends
 two for one DO_SET_MODE, the first always positive. Each step has a deadline, and what blocks it is named.
+
+A gap is as good as a hand-over: while nothing is sent or heard, the autopilot's failsafe may act and the
+pilot may switch, and a stream that resumes would take control back unseen.
 """
 
 from __future__ import annotations
@@ -9,9 +12,12 @@ from __future__ import annotations
 from enum import Enum, auto
 from typing import Final, NamedTuple
 
+from guidance.commanding import Commands
 from guidance.config import SupervisorConfig
+from guidance.mavlink.messages import CommandAck
 from guidance.mavlink.profiles import Mode, Profile
-from guidance.supervisor import Event, State, transition
+from guidance.supervisor import SETPOINTS, Event, Setpoints, State, transition
+from guidance.view import Attempt, Contact, View, may_obey, waiting_reason, withheld_reason
 
 #: Setpoints to send before the mode is asked for.
 ESTABLISHED_AFTER: Final = 10
@@ -19,28 +25,10 @@ ESTABLISHED_AFTER: Final = 10
 LEAVE_S: Final = 1.0
 #: On the ground, a refusal is tried again after this time, and a hand-over becomes a new start.
 RETRY_S: Final = 5.0
-#: Silence while tracking: more than this hands over, or half the firmware's own time-out if that is less.
-INTERRUPTED_S: Final = 0.75
-
-_COMMAND_PERIOD_NS: Final = 1_000_000_000
-_LEAVE_PERIOD_NS: Final = 200_000_000
-
-
-class View(NamedTuple):
-    """What the supervisor can see. `blocked` is the first unmet condition in words, None if there is none.
-
-    `silent_s` is the time since the last setpoint; `answer` the last refusal of a mode or arming command.
-    """
-
-    connected: bool
-    absent_because: str
-    armed: bool | None
-    custom_mode: int | None
-    intended_mode: int | None
-    blocked: str | None
-    setpoints_sent: int
-    silent_s: float
-    answer: str
+#: A mode command that was given up may act so much later, and that is no switch of the pilot's.
+UNDER_WAY_S: Final = 2.0
+#: A HEARTBEAT this long after the answer to the arming command was sent after it, and tells what came of it.
+ARMING_SHOWN_S: Final = 0.3
 
 
 class Change(NamedTuple):
@@ -61,6 +49,9 @@ class Engagement:
         self.since_ns = 0
         self._config = config
         self.profile = profile
+        self.contact = Contact(profile)
+        self.streaming = False  # whether setpoints may flow, as of the last update
+        self._commands = Commands(config, profile)
         self._control = profile.control_mode.custom_mode
         self._exit_mode = profile.mode(config.exit_mode)  # known: checked with the configuration
         self._auto = _Auto.MAY_ENGAGE
@@ -70,7 +61,9 @@ class Engagement:
         self._was_armed = False
         self._armed_ns = 0
         self._sent_at_entry = 0
-        self._commanded_ns: int | None = None
+        self._attempt = Attempt(profile)
+        self._was_there = False
+        self._under_way_until_ns = 0
         self._shutdown = False
 
     # Commands of the operator ------------------------------------------------------------------------
@@ -90,21 +83,33 @@ class Engagement:
         """The operator stops the service."""
         self._shutdown = True
 
+    def expired(self, now_ns: int) -> str | None:
+        """Says once that a command to engage was given up, and why."""
+        if not 0 < self._requested_until_ns <= now_ns:
+            return None
+        self._requested_until_ns = 0
+        return f"engage given up after {self._config.step_timeout_s:g} s: {self.reason}"
+
     # What follows from what is seen ------------------------------------------------------------------
 
     def update(self, view: View, now_ns: int) -> list[Change]:
         """All changes of state that follow from the view, in order."""
         changes: list[Change] = []
+        if not view.certain:
+            self._previous_mode = None
         while (happening := self._happening(view, now_ns)) is not None:
             event, reason = happening
             before, after = self.state, transition(self.state, event)
             if after is before:
                 break
+            if before is State.SWITCHING and event is not Event.MODE_CONFIRMED:
+                self._under_way_until_ns = now_ns + round(UNDER_WAY_S * 1e9)
             self.state, self.reason, self.since_ns = after, reason, now_ns
             self._entered(event, view, now_ns)
             changes.append(Change(before, after, event, reason))
-        # A switch is fresh only if it was seen: not one made while the link was down.
-        self._previous_mode = view.custom_mode if view.connected else None
+        # A switch is fresh only if it was seen: not one made while the link was down or silent.
+        self._previous_mode = view.custom_mode if view.connected and view.certain else None
+        self.streaming = self._may_stream(view, now_ns)
         return changes
 
     def _entered(self, event: Event, view: View, now_ns: int) -> None:
@@ -115,29 +120,22 @@ class Engagement:
             self._auto = _Auto.HANDED_OVER
         if self.state not in (State.CONNECTED, State.READY):
             self._requested_until_ns = 0  # obeyed, or overtaken: a command never acts twice
+        if self.state is State.STREAMING or event is Event.PILOT_SWITCHED:
+            self._attempt.begin(view, now_ns)
+        self._was_there = False
         self._mode_at_entry = view.custom_mode
         self._was_armed = bool(view.armed)
         self._armed_ns = now_ns
         self._sent_at_entry = view.setpoints_sent
-        self._commanded_ns = None
+        self._commands.begin(self.state)
 
     def due_command(self, view: View, now_ns: int) -> Mode | bool | None:
-        """A mode to command now, True to arm, None for nothing; repeated until it is seen to have worked."""
-        period_ns = _COMMAND_PERIOD_NS
-        wanted: Mode | bool | None = None
-        if self.state is State.SWITCHING:
-            wanted = self.profile.control_mode
-        elif self.state is State.ARMING and self._config.arm and not view.armed and view.blocked is None:
-            wanted = True
-        elif self.state is State.LEAVING or (
-            # A mode that somebody else chose is left alone.
-            self.state is State.BACKING_OUT and view.custom_mode == self._control
-        ):
-            wanted, period_ns = self._exit_mode, _LEAVE_PERIOD_NS
-        if wanted is None or (self._commanded_ns is not None and now_ns - self._commanded_ns < period_ns):
-            return None
-        self._commanded_ns = now_ns
-        return wanted
+        """A mode to command now, True to arm, None for nothing; repeated until it worked or was accepted."""
+        return self._commands.due(view, now_ns)
+
+    def answered(self, ack: CommandAck, now_ns: int) -> None:
+        """The autopilot answers a mode or arming command: an accepted one is not sent again."""
+        self._commands.answered(ack, now_ns)
 
     def _happening(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         state = self.state
@@ -155,11 +153,11 @@ class Engagement:
             case State.CONNECTED | State.READY:
                 return self._before_engaging(view, now_ns)
             case State.STREAMING | State.SWITCHING:
-                return self._unasked(view, now_ns) or self._engaging(view, now_ns)
+                return self._lost_hold(view, now_ns) or self._engaging(view, now_ns)
             case State.ARMING:
-                return self._unasked(view, now_ns) or self._arming(view, now_ns)
+                return self._lost_hold(view, now_ns) or self._arming(view, now_ns)
             case State.TRACKING:
-                return self._unasked(view, now_ns) or self._interrupted(view, now_ns)
+                return self._lost_hold(view, now_ns)
             case State.BACKING_OUT | State.LEAVING:
                 return self._leaving(view, now_ns) or self._unasked(view, now_ns)
             case State.HANDED_OVER | State.ABORTED:
@@ -169,8 +167,8 @@ class Engagement:
         if not view.connected or view.armed is None or view.custom_mode is None:
             self.reason = view.absent_because
             return None
-        if view.armed and self._may_obey(view):
-            return Event.FOUND_IN_CONTROL, self._withheld_reason(view)
+        if view.armed and may_obey(self.profile, view):
+            return Event.FOUND_IN_CONTROL, withheld_reason(self.profile, view)
         return Event.FOUND, "autopilot found"
 
     def _when_withheld(self, view: View, now_ns: int) -> tuple[Event, str] | None:
@@ -183,9 +181,9 @@ class Engagement:
             # Down, and not by a hand-over in this run: as good as found disarmed.
             self._auto = _Auto.MAY_ENGAGE if self._auto is _Auto.FOUND_FLYING else self._auto
             return Event.RELEASED, "the vehicle is disarmed"
-        if not self._may_obey(view):
+        if not may_obey(self.profile, view):
             return Event.RELEASED, f"the vehicle was taken out of {self.profile.control_mode.name}"
-        self.reason = self._withheld_reason(view)
+        self.reason = withheld_reason(self.profile, view)
         return None
 
     def _before_engaging(self, view: View, now_ns: int) -> tuple[Event, str] | None:
@@ -194,14 +192,17 @@ class Engagement:
             return (Event.CONDITIONS_LOST, view.blocked) if self.state is State.READY else None
         if self.state is State.CONNECTED:
             return Event.CONDITIONS_MET, self._waiting_for(view)
-        if self._switched(view):
+        if self._switched(view, now_ns):
             return Event.PILOT_SWITCHED, f"the pilot switched to {self.profile.control_mode.name}"
         if now_ns < self._requested_until_ns:
             return Event.ENGAGE, "the operator commands"
-        if self._may_auto():
+        if self._may_auto(view):
             return Event.ENGAGE, 'engage = "auto"'
         self.reason = self._waiting_for(view)
         return None
+
+    def _lost_hold(self, view: View, now_ns: int) -> tuple[Event, str] | None:
+        return self._unasked(view, now_ns) or self._interrupted(view, now_ns)
 
     def _unasked(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         """The mode was changed or the vehicle disarmed, and not by this service: the pilot wins."""
@@ -210,6 +211,11 @@ class Engagement:
             expected.add(self._mode_at_entry)
         elif self.state is State.LEAVING and self._exit_mode is not None:
             expected.add(self._exit_mode.custom_mode)
+        if self.state is State.SWITCHING and view.custom_mode != self._control:
+            if view.intended_mode == self._control:
+                self._was_there = True
+            elif self._was_there and view.intended_mode is not None:  # and left again, before it was seen
+                expected = set()
         if view.custom_mode not in expected:
             return Event.MODE_LEFT, f"the mode was changed to {self._name(view.custom_mode)}"
         if self._was_armed and not view.armed:
@@ -222,14 +228,16 @@ class Engagement:
         mode = self.profile.control_mode
         late = self._late(self.since_ns, now_ns)
         if self.state is State.STREAMING:
-            if self._switched(view):
+            if self._switched(view, now_ns):
                 return Event.PILOT_SWITCHED, f"the pilot switched to {mode.name}"
             if view.setpoints_sent - self._sent_at_entry >= ESTABLISHED_AFTER:
                 return Event.STREAM_ESTABLISHED, f"commanding {mode.name}"
             return _timeout(late, f"no stream of setpoints: {view.blocked or 'none sent'}")
         if view.custom_mode == mode.custom_mode:
             return Event.MODE_CONFIRMED, f"{mode.name} confirmed"
-        return _timeout(late, f"the autopilot does not enter {mode.name}{_answered(view)}")
+        if self._commands.accepted_ns is None:
+            return _timeout(late, f"the autopilot does not enter {mode.name}{_answered(view)}")
+        return _timeout(late, f"{mode.name} was accepted but is not on: left again, or refused after all")
 
     def _arming(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         if view.armed:
@@ -237,6 +245,9 @@ class Engagement:
                 return Event.IN_CONTROL, f"{self.profile.control_mode.name} and armed, confirmed"
             return _timeout(self._late(self._armed_ns, now_ns), view.blocked)
         if self._config.arm:
+            accepted_ns = self._commands.accepted_ns
+            if accepted_ns is not None and view.heartbeat_ns >= accepted_ns + round(ARMING_SHOWN_S * 1e9):
+                return Event.DISARMED, "the vehicle was disarmed after it had been armed by command"
             self.reason = view.blocked or "commanding to arm"
             why = view.blocked or f"the autopilot does not arm{_answered(view)}"
             return _timeout(self._late(self.since_ns, now_ns), why)
@@ -244,11 +255,11 @@ class Engagement:
         return None
 
     def _interrupted(self, view: View, now_ns: int) -> tuple[Event, str] | None:
-        silent_s = min(view.silent_s, (now_ns - self.since_ns) * 1e-9)
-        if silent_s > min(INTERRUPTED_S, 0.5 * self.profile.stream_timeout_s):
-            why = f" ({view.blocked})" if view.blocked else ""
-            return Event.INTERRUPTED, f"no setpoint for {silent_s:.2f} s{why}"
-        return None
+        establishing = self.state is State.STREAMING
+        why = self._attempt.silence(view, now_ns, establishing=establishing)
+        if establishing:  # disarmed, no failsafe acts; but somebody may have armed it since
+            why = (why or "armed after a silence") if self._attempt.broken and view.armed else None
+        return None if why is None else (Event.INTERRUPTED, why)
 
     def _leaving(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         left = self._exit_mode is not None and view.custom_mode == self._exit_mode.custom_mode
@@ -263,58 +274,61 @@ class Engagement:
         if now_ns < self._requested_until_ns:
             return Event.COMMANDED, "the operator commands"
         # Where the mode needs a stream, an edge that comes without one of ours belongs to somebody else.
-        if self._switched(view) and not self.profile.needs_stream:
+        if self._switched(view, now_ns) and not self.profile.needs_stream:
             return Event.PILOT_SWITCHED, f"the pilot switched to {self.profile.control_mode.name}"
         waited = (now_ns - self.since_ns) * 1e-9 > RETRY_S
         if self.state is State.HANDED_OVER:
-            if waited and not view.armed and not self._may_obey(view):
+            if waited and not view.armed and not may_obey(self.profile, view):
                 return Event.RELEASED, "the vehicle is disarmed and in another mode"
             return None
-        if waited and not view.armed and (self._may_auto() or not self._may_obey(view)):
+        if waited and not view.armed and (self._auto_unspent() or not may_obey(self.profile, view)):
             return Event.RETRY, "trying again"
         return None
 
     # Small judgements --------------------------------------------------------------------------------
 
-    def _may_auto(self) -> bool:
+    def _auto_unspent(self) -> bool:
         return self._config.engage == "auto" and self._auto is _Auto.MAY_ENGAGE
+
+    def _may_auto(self, view: View) -> bool:
+        """Whether `auto` may engage now: not a vehicle that somebody might have control of."""
+        in_use = view.armed and may_obey(self.profile, view)
+        return self._auto_unspent() and view.certain and not in_use
 
     def _late(self, since_ns: int, now_ns: int) -> bool:
         return (now_ns - since_ns) * 1e-9 > self._config.step_timeout_s
 
-    def _switched(self, view: View) -> bool:
-        """The mode has just become the control mode."""
-        return view.custom_mode == self._control and self._previous_mode not in (None, self._control)
-
-    def _may_obey(self, view: View) -> bool:
-        """Whether a setpoint might act at once: the control mode is on, intended, or not excluded."""
-        if view.custom_mode == self._control:
-            return True
-        if not self.profile.needs_stream:
-            return False
-        return view.intended_mode is None or view.intended_mode == self._control
+    def _switched(self, view: View, now_ns: int) -> bool:
+        """The pilot has just switched to the control mode."""
+        changed = view.custom_mode == self._control and self._previous_mode not in (None, self._control)
+        return changed and now_ns >= self._under_way_until_ns
 
     def may_offer_stream(self, view: View) -> bool:
         """Whether neutral setpoints may flow in READY: the mode needs them and they cannot take control.
 
         Where `auto` was handed over, nothing at all flows until it is commanded.
         """
-        silenced = self._config.engage == "auto" and self._auto is _Auto.HANDED_OVER
-        return self.profile.needs_stream and not silenced and not self._may_obey(view)
+        allowed = self.profile.needs_stream and not self._silenced()
+        return allowed and view.certain and not may_obey(self.profile, view)
 
-    def _withheld_reason(self, view: View) -> str:
-        mode = self.profile.control_mode.name
-        if view.custom_mode != self._control and view.intended_mode is None:
-            return f"armed, and CURRENT_MODE does not say yet whether {mode} is intended: silent"
-        return f"found armed in {mode}: silent until the mode changes, it disarms, or engage is commanded"
+    def _silenced(self) -> bool:
+        return self._config.engage == "auto" and self._auto is _Auto.HANDED_OVER
+
+    def _may_stream(self, view: View, now_ns: int) -> bool:
+        if self.state is State.READY:
+            return self.may_offer_stream(view)
+        if self.state in (State.BACKING_OUT, State.LEAVING):
+            # The commands to leave go on, but a stream that was interrupted does not take control back.
+            self._attempt.silence(view, now_ns, establishing=False)
+            return not self._attempt.broken
+        if self.state is State.STREAMING and self._attempt.broken and not view.certain:
+            return False
+        return SETPOINTS[self.state] is not Setpoints.NONE
 
     def _waiting_for(self, view: View) -> str:
-        mode = self.profile.control_mode.name
-        if self._may_auto():
+        if self._may_auto(view):
             return "every condition is met"
-        if view.custom_mode == self._control:
-            return f"already in {mode}: leave it and switch again, or command engage"
-        return f"waiting for the pilot to switch to {mode}"
+        return waiting_reason(self.profile, view, silenced=self._silenced())
 
     def _name(self, custom_mode: int | None) -> str:
         return "unknown" if custom_mode is None else self.profile.mode_name(custom_mode)

@@ -84,7 +84,7 @@ MEANINGS: Final[dict[State, str]] = {
     State.WITHHELD: "found armed where a setpoint might act at once: left alone",
     State.READY: "may engage; streams only to PX4, and only where that cannot take control",
     State.STREAMING: "engaging, first step: setpoints are established",
-    State.SWITCHING: "engaging, second step: the control mode is commanded until it is seen",
+    State.SWITCHING: "engaging, second step: the control mode is commanded until it is seen or accepted",
     State.ARMING: "engaging, third step: armed by command if so configured, else by the pilot",
     State.TRACKING: "follows the trajectory",
     State.BACKING_OUT: "stopped while engaging: commands the exit mode if the control mode is on",
@@ -110,12 +110,36 @@ CAUSES: Final[dict[Event, str]] = {
     Event.IN_CONTROL: "armed in the control mode, every condition met",
     Event.MODE_LEFT: "a mode that the service did not ask for",
     Event.DISARMED: "disarmed without being asked",
-    Event.INTERRUPTED: "no setpoint could be sent for longer than the limit",
+    Event.INTERRUPTED: "nothing could be sent, or nothing was heard, for longer than the limit",
     Event.STEP_TIMEOUT: "a step took longer than `step_timeout_s`",
     Event.RETRY: 'on the ground, 5 s later, and `engage = "auto"` or out of the control mode',
     Event.SHUTDOWN: "SIGTERM or SIGINT",
     Event.LEFT: "the exit mode is seen, or 1 s has passed",
 }
+
+#: The same in so few words that they fit into a STATUSTEXT of 50 bytes behind any state's name.
+BRIEFS: Final[dict[Event, str]] = {
+    Event.FOUND: "autopilot found",
+    Event.FOUND_IN_CONTROL: "found armed, silent",
+    Event.LOST: "autopilot lost",
+    Event.RELEASED: "vehicle released",
+    Event.CONDITIONS_MET: "conditions met",
+    Event.CONDITIONS_LOST: "condition not met",
+    Event.ENGAGE: "engaging",
+    Event.COMMANDED: "engage commanded",
+    Event.PILOT_SWITCHED: "pilot switched",
+    Event.STREAM_ESTABLISHED: "stream established",
+    Event.MODE_CONFIRMED: "mode confirmed",
+    Event.IN_CONTROL: "in control",
+    Event.MODE_LEFT: "mode was changed",
+    Event.DISARMED: "vehicle was disarmed",
+    Event.INTERRUPTED: "was interrupted",
+    Event.STEP_TIMEOUT: "no success, see log",
+    Event.RETRY: "trying again",
+    Event.SHUTDOWN: "service stops",
+    Event.LEFT: "exit mode or time over",
+}
+_STATUSTEXT_BYTES: Final = 50
 
 _S, _E = State, Event
 
@@ -148,6 +172,10 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
     (_S.ARMING, _E.DISARMED): _S.HANDED_OVER,
     (_S.TRACKING, _E.MODE_LEFT): _S.HANDED_OVER,
     (_S.TRACKING, _E.DISARMED): _S.HANDED_OVER,
+    # After a silence the autopilot's failsafe may have acted: a stream that resumed would take control back.
+    (_S.STREAMING, _E.INTERRUPTED): _S.HANDED_OVER,
+    (_S.SWITCHING, _E.INTERRUPTED): _S.HANDED_OVER,
+    (_S.ARMING, _E.INTERRUPTED): _S.HANDED_OVER,
     (_S.TRACKING, _E.INTERRUPTED): _S.HANDED_OVER,
     (_S.TRACKING, _E.LOST): _S.HANDED_OVER,
     # Back only by a fresh command or a fresh switch; a vehicle that is put down and taken out of the control
@@ -197,6 +225,12 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
 def transition(state: State, event: Event) -> State:
     """The state after `event`; the same state where the table has no row."""
     return TRANSITIONS.get((state, event), state)
+
+
+def status_text(after: State, event: Event, reason: str) -> str:
+    """A change of state for STATUSTEXT: with its reason if 50 bytes hold it, else with the event's brief."""
+    whole = f"guidance: {after}: {reason}"
+    return whole if len(whole) <= _STATUSTEXT_BYTES else f"guidance: {after}: {BRIEFS[event]}"
 
 
 def table_markdown() -> str:

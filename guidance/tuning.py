@@ -154,8 +154,8 @@ def cannot_allocate(name: str, limits: LimitsConfig) -> tuple[str, float] | None
     return None
 
 
-def conflicts(law_config: LawConfig, limits: LimitsConfig, rate_hz: float) -> Iterator[Problem]:
-    """What no single key of the two tables can tell."""
+def conflicts(law_config: LawConfig, rate_hz: float) -> Iterator[Problem]:
+    """Gains that setpoints at this rate cannot follow."""
     k = law_config.k / law_config.beta
     rates = {
         "rho2_per_s": ("rho2_per_s", law_config.rho2_per_s, law_config.rho2_per_s),
@@ -173,10 +173,3 @@ def conflicts(law_config: LawConfig, limits: LimitsConfig, rate_hz: float) -> It
                 f" = {shown(value)}: {what} times the period of "
                 f"link.rate_hz = {rate_hz:g} is {rate / rate_hz:.3g}: must be below 1 to be stable",
             )
-    without = cannot_allocate(law_config.allocation, limits)
-    if without is not None:
-        yield Problem(
-            "law.allocation",
-            f" = {shown(law_config.allocation)}: limits.{without[0]} = {without[1]:g} leaves it without that "
-            "rate: must be above 0",
-        )

@@ -7,9 +7,10 @@ from typing import Any, Final, NamedTuple
 import pytest
 
 from guidance.config import SupervisorConfig
-from guidance.engagement import ESTABLISHED_AFTER, Change, Engagement, View
+from guidance.engagement import ESTABLISHED_AFTER, Change, Engagement
 from guidance.mavlink.profiles import PROFILES, Profile
 from guidance.supervisor import Event, State
+from guidance.view import View
 
 S: Final = 1_000_000_000
 PX4: Final = PROFILES["px4-uuv"]
@@ -90,6 +91,9 @@ def bench(profile: Profile, engage: str = "pilot", *, arm: bool = False, **seen:
         setpoints_sent=0,
         silent_s=0.0,
         answer="",
+        heartbeat_ns=0,
+        unheard_s=0.0,
+        certain=True,
     )
     return Bench(Engagement(config, profile), [view._replace(**seen)], [100 * S])
 

@@ -1,19 +1,25 @@
-"""What the tests of the service share: something to wait on, a sink that keeps all, a vehicle on a socket."""
+"""What the tests of the service share: something to wait on, a shell whose records are kept, a vehicle."""
 
 from __future__ import annotations
 
 import asyncio
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
 from typing import Any, Final
 
 import msgspec
 from pymavlink.dialects.v20 import all as mavlink
 
-from guidance.records import TOPICS, Event, Record, Setpoint
-from guidance.telemetry import Sample
+from guidance.config import Config
+from guidance.records import TOPICS, Command, Event, Record, Setpoint
+from guidance.service import new_session
+from guidance.shell import Shell
+from guidance.telemetry import Sample, Sink
+from guidance.telemetry.sinks import Sinks
 from sitl.vehicle import Vehicle, VehicleOptions
+from tests.helpers import make_config
 
 PATIENCE_S: Final = 20.0
 _RECORDS: Final = {topic: record for record, topic in TOPICS.items()}
@@ -116,6 +122,45 @@ class VehicleEnd(asyncio.DatagramProtocol):
 
     def count(self, name: str) -> int:
         return sum(message.get_type() == name for message in self.heard)
+
+
+class Rig:
+    """A shell on a free port, and the records that it publishes; `others` are sinks beside the memory."""
+
+    def __init__(self, config: Config, others: Mapping[str, Sink] | None = None) -> None:
+        self.bell = Bell()
+        self.memory = Memory(self.bell.ring)
+        self.shell = Shell(config, Sinks({"memory": self.memory, **(others or {})}), new_session(config))
+        self.run = asyncio.get_running_loop().create_task(self.shell.run())
+        self.run.add_done_callback(lambda _: self.bell.ring())
+
+    async def address(self) -> tuple[str, int]:
+        await self.bell.until(lambda: self.memory.events("link_up"), "an open socket")
+        assert self.shell.address is not None
+        host, port = self.shell.address[:2]
+        return host, port
+
+
+@asynccontextmanager
+async def running(*overrides: str, others: Mapping[str, Sink] | None = None) -> AsyncIterator[Rig]:
+    """The service until the end of the block; whatever a bug of it raised is raised here."""
+    listen = 'link.connection="udpin://127.0.0.1:0"'
+    rig = Rig(make_config(listen, *overrides), others)
+    try:
+        yield rig
+    finally:
+        rig.shell.command(Command.SHUTDOWN)
+        await asyncio.wait_for(rig.run, PATIENCE_S)
+
+
+@asynccontextmanager
+async def vehicle_for(rig: Rig) -> AsyncIterator[VehicleEnd]:
+    vehicle = VehicleEnd(await rig.address(), rig.bell.ring)
+    await vehicle.open()
+    try:
+        yield vehicle
+    finally:
+        vehicle.close()
 
 
 def a_socket(port: int = 0) -> socket.socket:

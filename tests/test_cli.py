@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,7 @@ def test_run_without_a_configuration_says_which_option_is_missing() -> None:
         (("run", "-c", str(DEMO), "--set", "law.kk=1"), "did you mean k?"),
         (("run", "-c", str(DEMO), "--set", "law.k"), "KEY=VALUE"),
         (("run", "-c", str(DEMO), "--set", "vehicle.profile=zeppelin"), "px4-uuv"),
-        (("run", "-c", str(DEMO), "--set", 'zenoh.listen=["no locator"]'), "zenoh"),
+        (("run", "-c", str(DEMO), "--set", 'zenoh.listen=["no locator"]'), "zenoh.listen"),
         (("demo", "--set", "limits.speed_max_m_s=fast"), "limits.speed_max_m_s"),
         (("demo", "--trajectory", "spiral"), "lemniscate"),
         (("demo", "--set", "zenoh.enabled=false"), "zenoh.enabled"),
@@ -111,13 +112,13 @@ def test_replay_of_a_flight_is_identical(log: Path) -> None:
 
 
 def test_replay_names_the_first_difference(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    exact = law.evaluate
+    exact = law.guide_step
 
-    def edited(*arguments: Any) -> law.Evaluation:
-        found = exact(*arguments)
-        return found._replace(V2=found.V2 * (1 + 1e-15) + 1e-300)
+    def edited(*arguments: Any) -> tuple[law.Memory, law.Evaluation]:
+        memory, found = exact(*arguments)
+        return memory, found._replace(V2=math.nextafter(found.V2, math.inf))
 
-    monkeypatch.setattr("guidance.tracker.evaluate", edited)
+    monkeypatch.setattr("guidance.tracker.guide_step", edited)
     status, out, _ = call("replay", str(log))
     assert status == 1
     assert "first difference at " in out

@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guidance.config import Config, ConfigError, Connection, from_json, load, parse, parse_connection, to_json
+from guidance.config import (
+    Config,
+    ConfigError,
+    Connection,
+    from_json,
+    load,
+    parse,
+    parse_connection,
+    to_json,
+)
 from guidance.trajectory import TRAJECTORIES
 from tests.helpers import DEMO, make_config
 
@@ -49,8 +58,8 @@ ORIGIN = (
         ("k", "k = [1.0]", "law.k = [1.0]: must be a number above 0"),
         ("k", "k = 2025-01-01", "law.k = 2025-01-01: must be a number above 0"),
         ("speed_min_m_s", "speed_min_m_s = -inf", "limits.speed_min_m_s = -inf: must be a number"),
-        ("rate_hz", "rate_hz = 1.9", "link.rate_hz = 1.9: must be a number from 2 to 400"),
-        ("rate_hz", "rate_hz = 401", "link.rate_hz = 401: must be a number from 2 to 400"),
+        ("rate_hz", "rate_hz = 4.9", "link.rate_hz = 4.9: must be a number from 5 to 200"),
+        ("rate_hz", "rate_hz = 201", "link.rate_hz = 201: must be a number from 5 to 200"),
         ("attitude_timeout_s", "attitude_timeout_s = 2.5", " = 2.5: must be a number from 0.05 to 2"),
         ("position_timeout_s", "position_timeout_s = 0", " = 0: must be a number from 0.05 to 2"),
         ("system_id", "system_id = 0", "vehicle.system_id = 0: must be a whole number from 1 to 255"),
@@ -271,34 +280,6 @@ def test_connections_are_taken_apart() -> None:
         "udpout", "autopilot.local", 14580
     )
     assert parse_connection("udpin://[::1]:14540") == Connection("udpin", "::1", 14540)
-
-
-@pytest.mark.parametrize(
-    ("overrides", "said"),
-    [
-        (["limits.speed_min_m_s=5"], "limits.speed_min_m_s = 5: must be below speed_max_m_s = 5"),
-        (["law.rho2_per_s=50"], "rho2_per_s times the period of link.rate_hz = 50 is 1: must be below 1"),
-        (["law.rho3_per_s=11", "link.rate_hz=10.5"], "rho3_per_s times the period of link.rate_hz = 10.5 is"),
-        (["law.k=5", "law.beta=0.1"], "law.k = 5.0: k / beta times the period of link.rate_hz = 50 is 1"),
-        (["trajectory.speed_m_s=6"], "it moves at 6 m/s, and the vehicle at most at 5"),
-        (["vehicle.speed_at_full_thrust_m_s=0.05"], "it moves at 0.1 m/s, and the vehicle at most at 0.05"),
-        (["limits.speed_min_m_s=0.5"], "never slower than limits.speed_min_m_s = 0.5"),
-        (["trajectory.radius_m=0.01", "trajectory.speed_m_s=0.08"], "it turns at 8 rad/s"),
-        (["trajectory.name=zigzag", "trajectory.speed_m_s=4"], "it moves at 5.66 m/s"),
-    ],
-)
-def test_settings_that_contradict_each_other_are_refused(overrides: list[str], said: str) -> None:
-    message = refusal(*overrides)
-    assert said in message
-    assert "\n" not in message
-
-
-@pytest.mark.parametrize("name", TRAJECTORIES)
-def test_a_trajectory_at_the_very_limit_of_speed_is_not_refused(name: str) -> None:
-    speed = 5.0 if name != "zigzag" else 3.535
-    assert (
-        make_config(f"trajectory.name={name}", f"trajectory.speed_m_s={speed}").trajectory.speed_m_s == speed
-    )
 
 
 def some_config() -> st.SearchStrategy[Config]:

@@ -30,10 +30,12 @@ fuzzing = settings(max_examples=150)
 KEYS = [
     "vehicle", "link", "supervisor", "law", "limits", "flight", "trajectory", "zenoh", "log", "name",
     "profile", "k", "beta", "rate_hz", "engage", "arm", "origin", "connection", "connect", "radius_m", "",
+    "error_function", "allocation", "exit_mode", "config_file",
 ]  # fmt: skip
 SCALARS = [
     "0", "1", "-1", "1.5", "nan", "-inf", "1e308", "1e999", "0x" + "f" * 5000, "9" * 400, "true", '"pilot"',
-    '"helix"', '"\\u0000"', '"ekf"', "'udpin://[::1'", "1979-05-27T07:32:00Z", "07:32:00", "[]", "[1, 2, 3]",
+    '"helix"', '"bounded"', '["tcp/a:1"]',
+    '"\\u0000"', '"ekf"', "'udpin://[::1'", "1979-05-27T07:32:00Z", "07:32:00", "[]", "[1, 2, 3]",
     "[[1, 2], 3]", "{}", "{ k = 1 }", '{ name = "circle" }', "[{}]", "=", "[" * 50,
 ]  # fmt: skip
 

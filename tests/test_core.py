@@ -32,6 +32,7 @@ from tests.helpers import (
     setpoints_since,
     state_of,
 )
+from tests.sent_setpoints import asked, sent_setpoints
 
 LOST = Channel(loss=1.0)
 PERIOD_NS = 20_000_000
@@ -118,18 +119,40 @@ def test_a_vehicle_whose_clock_is_lost_gets_no_setpoint(monkeypatch: pytest.Monk
     assert flight.guide.link.counters["ATTITUDE_QUATERNION:before_time_sync"] > 50
 
 
-def test_no_setpoint_is_ever_sent_twice() -> None:
-    flight = make_flight(to_guide=Channel(delay_s=0.01, jitter_s=0.03, loss=0.3, duplication=0.3), seed=4)
+def test_every_setpoint_is_computed_for_the_instant_at_which_it_is_sent_and_none_is_repeated() -> None:
+    """Never repeated: each is of a later instant, its own, and so of another state and another demand.
+
+    Sequence numbers and `time_boot_ms` differ in any case; the rates and the thrust must as well, while the
+    vehicle approaches and turns and the commands are not all at their limits.
+    """
+    jittery = Channel(delay_s=0.01, jitter_s=0.03, loss=0.3, duplication=0.3)
+    flight = make_flight(to_guide=jittery, seed=4)
     fly_until_tracking(flight, 10.0)
     flight.run(10.0)
-    sent = [r.data for r in records_of(flight, Packet) if r.data[7:10] == (82).to_bytes(3, "little")]
-    assert len(sent) > 250
-    assert len(set(sent)) == len(sent)
+    sent = sent_setpoints(flight.records)
+    inputs = {one.seq: one for one in records_of(flight, Input)}
+    begin_ns = inputs[0].t_ns
+    for packet, message in sent:
+        assert inputs[packet.input_seq].kind is InputKind.TICK
+        assert inputs[packet.input_seq].t_ns == packet.t_ns
+        assert message.time_boot_ms == (packet.t_ns - begin_ns) // 1_000_000
+    instants = [packet.t_ns for packet, _ in sent]
+    assert all(b > a for a, b in pairwise(instants))
+
     setpoints = records_of(flight, Setpoint)
+    assert [s.t_ns for s in setpoints] == instants
     assert [s.seq for s in setpoints] == list(range(1, len(setpoints) + 1))
-    assert all(b.t_ns > a.t_ns for a, b in pairwise(setpoints))
-    law = [s for s in setpoints if not s.neutral]
-    assert len({(s.demanded_body_rates_frd_rad_s, s.demanded_speed_m_s) for s in law}) == len(law)
+    states = {state.t_ns: state for state in records_of(flight, State)}
+    used = [states[t_ns] for t_ns in instants]
+    newest = [state.t_ns - round(state.predicted_s * 1e9) for state in used]
+    assert all(b >= a for a, b in pairwise(newest))
+    assert len({state.predicted_s for state in used}) > 50  # lost and late data: much of it is predicted
+
+    law = [(s, asked(message)) for s, (_, message) in zip(setpoints, sent, strict=True) if not s.neutral]
+    assert len(law) > 400
+    for (a, before), (b, after) in pairwise(law):
+        assert before != after
+        assert a.demanded_body_rates_frd_rad_s != b.demanded_body_rates_frd_rad_s
 
 
 def test_receiving_decides_nothing_and_a_burst_makes_one_setpoint_due() -> None:

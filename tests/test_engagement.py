@@ -135,7 +135,7 @@ def test_the_pilots_switch_engages_but_a_mode_that_stood_already_does_not(profil
     it.see()
     assert it.see(10.0) == []
     assert it.reason() == f"already in {control.name}: leave it and switch again, or command engage"
-    it.see(custom_mode=mode(profile, "manual"))
+    it.see(custom_mode=mode(profile, "manual"), intended_mode=mode(profile, "manual"))
     assert it.reason() == f"waiting for the pilot to switch to {control.name}"
     assert ways(it.see(custom_mode=control.custom_mode)) == [(State.ARMING, Event.PILOT_SWITCHED)]
 

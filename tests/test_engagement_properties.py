@@ -7,6 +7,8 @@
 - Arming is commanded only if configured, in ARMING, in the control mode and with nothing blocked.
 - Nothing streams before mode and arming are known, nor on a PX4 that might obey without anybody having
   asked, nor at all after a hand-over from `engage = "auto"`.
+- A command that the autopilot accepted is not sent again in its state, whatever is seen or answered after.
+- Nothing streams after a silence longer than the firmware's unless arming and mode were heard since.
 - Every update ends, after few changes.
 """
 
@@ -20,13 +22,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guidance.config import SupervisorConfig
-from guidance.engagement import Change, Engagement, View
+from guidance.engagement import Change, Engagement
+from guidance.mavlink.messages import CommandAck
 from guidance.mavlink.profiles import Mode, Profile
 from guidance.supervisor import SETPOINTS, Event, Setpoints, State
+from guidance.view import View
 from tests.engagement_bench import BOTH, S, mode
 
 STEP_S: Final = 2.0
 ENGAGED: Final = frozenset({State.STREAMING, State.SWITCHING, State.ARMING, State.TRACKING})
+COMMAND_OF: Final = {State.SWITCHING: 176, State.ARMING: 400}
 #: What the random walks came across, so that none of the properties holds for want of examples.
 seen: Counter[str] = Counter()
 
@@ -44,6 +49,7 @@ CHANGES: Final = [
     "nothing", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate",
     "stream", "obey", "arm", "disarm", "control mode", "other mode", "third mode", "mode unknown",
     "intend control", "intend other", "intend unknown", "block", "unblock", "lose", "find", "silence",
+    "quiet", "heard again", "heartbeat", "accept", "accept",
 ]  # fmt: skip
 STEPS: Final = st.builds(
     Step, st.sampled_from([0.02, 0.05, 0.3, 1.0, 2.5]), st.sampled_from(ACTS), st.sampled_from(CHANGES)
@@ -64,6 +70,9 @@ class Walk:
         self.young_until_ns = 0
         self.auto_allowed = True
         self.last_mode: int | None = None
+        self.obeyed_in: State | None = None
+        self.attempt_ns = 0
+        self.attempt_sent = 0
 
     def change(self, name: str) -> None:
         """One thing is seen to change."""
@@ -83,14 +92,21 @@ class Walk:
             "lose": {"connected": False},
             "find": {"connected": True},
             "silence": {"silent_s": 100.0},
+            "quiet": {"unheard_s": 100.0, "certain": False},
+            "heard again": {"unheard_s": 0.0},
+            "heartbeat": {"heartbeat_ns": self.now_ns, "certain": self.view.unheard_s == 0.0},
         }
         if name in simple:
             self.view = self.view._replace(**simple[name])  # type: ignore[arg-type]
         elif name == "cooperate":
-            for good in ("find", "unblock", "stream", "obey"):
+            for good in ("find", "unblock", "heard again", "heartbeat", "stream", "obey"):
                 self.change(good)
             if self.it.state is State.ARMING:
                 self.change("arm")
+        elif name == "accept" and self.wanted is not None and self.it.state in COMMAND_OF:
+            seen["accepted"] += 1
+            self.it.answered(CommandAck(COMMAND_OF[self.it.state], 0, 1, 191), self.now_ns)
+            self.obeyed_in = self.it.state
         elif name == "obey" and self.wanted is True:
             self.view = self.view._replace(armed=True)
         elif name == "obey" and isinstance(self.wanted, Mode):
@@ -107,10 +123,15 @@ class Walk:
             self.young_until_ns = self.now_ns + round(self.config.step_timeout_s * S)
         view, before = self.view, self.it.state
         switched = self.last_mode not in (None, self.control) and view.custom_mode == self.control
+        switched = switched and view.certain
         changes = self.it.update(view, self.now_ns)
-        self.last_mode = view.custom_mode if view.connected else None
+        self.last_mode = view.custom_mode if view.connected and view.certain else None
         self.check(before, changes, switched)
+        self.check_stream(view)
+        if changes:
+            self.obeyed_in = None
         self.wanted = self.it.due_command(view, self.now_ns)
+        assert self.wanted is None or self.obeyed_in is None
         if self.wanted is True:
             seen["armed"] += 1
             assert self.config.arm
@@ -118,6 +139,17 @@ class Walk:
             assert (view.custom_mode, view.blocked) == (self.control, None)
         if self.wanted == self.profile.control_mode:
             assert self.it.state is State.SWITCHING
+
+    def check_stream(self, view: View) -> None:
+        """Nothing streams after a silence, unless what matters is known again."""
+        timeout_s = self.profile.stream_timeout_s
+        if self.it.state is State.READY:
+            assert view.certain or not self.it.streaming
+        elif (self.now_ns - self.attempt_ns) * 1e-9 > timeout_s and view.setpoints_sent > self.attempt_sent:
+            seen["silence"] += max(view.unheard_s, view.silent_s) > timeout_s
+            assert view.unheard_s <= timeout_s or not self.it.streaming
+            known = self.it.state is State.STREAMING and not view.armed and view.certain
+            assert view.silent_s <= timeout_s or known or not self.it.streaming
 
     def check(self, before: State, changes: list[Change], switched: bool) -> None:
         """The invariants of one update."""
@@ -144,6 +176,7 @@ class Walk:
                 assert switched or commanded or (self.config.engage == "auto" and self.auto_allowed)
                 assert view.custom_mode is not None
                 assert view.armed is not None
+                self.attempt_ns, self.attempt_sent = self.now_ns, view.setpoints_sent
                 self.young_until_ns = 0
                 if change.event is Event.ENGAGE and commanded:
                     seen["again"] += not self.auto_allowed
@@ -160,7 +193,7 @@ class Walk:
 def walk(profile: Profile, engage: str, arm: bool, shutdown: bool, steps: list[Step]) -> None:
     """One random walk, and perhaps a shutdown at its end."""
     hold = mode(profile, "hold")
-    view = View(True, "lost", False, hold, hold, None, 0, 0.0, "")
+    view = View(True, "lost", False, hold, hold, None, 0, 0.0, "", 0, 0.0, True)
     config = SupervisorConfig(
         engage="auto" if engage == "auto" else "pilot",
         arm=arm,
@@ -188,7 +221,7 @@ def test_the_invariants_hold_whatever_happens(profile: Profile, engage: str) -> 
         walk(profile, engage, arm, shutdown, steps)
 
     explore()
-    for what in ("tracking", "taken over", "armed", "again", *State):
+    for what in ("tracking", "taken over", "armed", "again", "accepted", "silence", *State):
         assert seen[what] > 0, f"no example came across {what}: {seen}"
     if engage == "pilot":
         assert (seen["offered"] > 0) is profile.needs_stream

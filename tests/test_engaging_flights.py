@@ -105,6 +105,63 @@ def test_px4_armed_with_an_unknown_intended_mode_is_left_alone() -> None:
     assert state_of(flight) is not State.WITHHELD
 
 
+def test_px4_without_current_mode_says_what_the_pilot_can_do_and_that_is_true() -> None:
+    said = (
+        "no CURRENT_MODE tells the intended mode, so no stream is offered: "
+        "command engage, or switch to offboard before arming"
+    )
+    for act in ("armed first", "command", "switch"):
+        flight = make_flight(*PILOT)
+        drop_current_mode(flight)
+        pilot = Pilot(flight)
+        assert silent_for(flight, 3.0)
+        assert (state_of(flight), reason(flight)) == (State.READY, said)
+        if act == "switch":
+            pilot.switch("control")
+            fly_until(flight, State.ARMING, 1.1)
+            flight.run(0.1)  # the stream begins
+        pilot.arm()
+        if act == "armed first":
+            with pytest.raises(AssertionError, match="LOITER"):
+                pilot.switch("control")
+            assert silent_for(flight, 3.0)
+            assert reason(flight) == said
+            continue
+        flight.run(1.1)  # HEARTBEAT shows it
+        if act == "command":
+            flight.guide.command(Command.ENGAGE, flight.now_ns)
+        fly_until_tracking(flight, 2.5)
+
+
+def test_a_stalled_process_does_not_take_control_back() -> None:
+    # Armed in READY, the pilot switches while this process stands still: PX4's failsafe acts.
+    flight = make_flight(*PILOT, initially_armed=True)
+    flight.run(3.0)
+    guide, queue = flight.guide, list[bytes]()
+    with pytest.MonkeyPatch.context() as stopped:
+        stopped.setattr(guide, "receive", lambda data, now_ns: queue.append(data))
+        stopped.setattr(guide, "tick", lambda now_ns: None)
+        stopped.setattr(guide, "deadline", lambda: 1 << 62)
+        Pilot(flight).switch("control")
+        flight.run(2.0)
+    assert flight.vehicle.mode == "POSCTL"
+    for data in queue[: len(queue) // 10]:  # the rest found no room
+        guide.receive(data, flight.now_ns)
+    assert silent_for(flight, 10.0)
+    assert (state_of(flight), flight.vehicle.mode) == (State.READY, "POSCTL")
+
+
+def test_an_engage_command_that_could_not_be_obeyed_says_so() -> None:
+    flight = make_flight(*PILOT, "flight.origin=ekf", "supervisor.engage_max_error_m=5")
+    flight.run(3.0)
+    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.run(4.9)
+    assert events_of(flight, "engage_expired") == []
+    flight.run(10.0)
+    why = "33.0 m from the start, engage_max_error_m is 5: go closer"
+    assert events_of(flight, "engage_expired") == [f"engage given up after 5 s: {why}"]
+
+
 def drop_current_mode(flight: Lockstep) -> None:
     """The autopilot is of a version without CURRENT_MODE (436)."""
     receive = flight.guide.receive

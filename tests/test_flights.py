@@ -13,6 +13,7 @@ from guidance.se3 import Vec3, add, norm, subtract
 from guidance.trajectory import sample
 from sitl.lockstep import Channel, Lockstep
 from tests.helpers import ROVER, fly_until_tracking, make_flight, records_of, setpoints_since
+from tests.sent_setpoints import asked, float32, ranges, sent_setpoints, within
 
 DIRTY = Channel(delay_s=0.004, jitter_s=0.003, loss=0.05, duplication=0.05)
 
@@ -146,18 +147,48 @@ def test_another_seed_is_another_flight() -> None:
     assert first.records != second.records
 
 
-def test_setpoints_never_leave_the_limits_and_are_never_repeated() -> None:
-    flight = make_flight("limits.speed_max_m_s=2", "limits.yaw_rate_max_rad_s=0.5", to_guide=DIRTY, seed=9)
+SLOW = (
+    "limits.speed_min_m_s=-0.2",
+    "limits.speed_max_m_s=2",
+    "limits.roll_rate_max_rad_s=0.3",
+    "limits.pitch_rate_max_rad_s=0.4",
+    "limits.yaw_rate_max_rad_s=0.5",
+)
+
+
+@pytest.mark.parametrize(
+    ("start_ned_m", "reached"),
+    [
+        # Behind the helix: dives at the pitch limit, turns right, is fast.
+        ((-10.0, -30.0, -5.0), {"pitch-", "yaw+", "thrust+"}),
+        # Ahead of it: turns left, and backs as slowly as it may.
+        ((5.0, 0.0, 0.0), {"yaw-", "thrust-"}),
+    ],
+)
+def test_the_bytes_of_every_setpoint_keep_limits_below_those_of_the_vehicle(
+    start_ned_m: tuple[float, float, float], reached: set[str]
+) -> None:
+    flight = make_flight(*SLOW, to_guide=DIRTY, seed=9, initial_position_ned_m=start_ned_m)
     fly_until_tracking(flight)
     flight.run(20.0)
-    sent = [setpoint for setpoint in records_of(flight, Setpoint) if not setpoint.neutral]
+    config = flight.guide.config
+    sent = sent_setpoints(flight.records)
     assert len(sent) > 900
-    assert max(abs(s.body_rates_frd_rad_s[2]) for s in sent) <= 0.5
-    assert max(s.speed_m_s for s in sent) <= 2.0
-    assert min(s.speed_m_s for s in sent) >= -5.0
-    assert any(s.saturated for s in sent)
-    instants = [s.t_ns for s in sent]
-    assert sorted(set(instants)) == instants
+    assert all(within(message, config) for _, message in sent)
+    at_limit = set()
+    for _, message in sent:
+        for name, value, (low, high) in zip(
+            ("roll", "pitch", "yaw", "thrust"), asked(message), ranges(config), strict=True
+        ):
+            at_limit |= {f"{name}-"} if value == low else {f"{name}+"} if value == high else set()
+    assert at_limit == reached  # the limits were what held it
+    assert ranges(config)[3] == (float32(-0.2 / 5.0), float32(2.0 / 5.0))
+    setpoints = records_of(flight, Setpoint)
+    assert [s.seq for s in setpoints] == list(range(1, len(sent) + 1))
+    for setpoint, (packet, message) in zip(setpoints, sent, strict=True):
+        assert setpoint.t_ns == packet.t_ns
+        assert asked(message) == tuple(map(float32, (*setpoint.body_rates_frd_rad_s, setpoint.thrust)))
+        assert setpoint.speed_m_s == pytest.approx(5.0 * setpoint.thrust)
 
 
 def test_a_quiet_flight_raises_no_alarm() -> None:

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-from guidance.engagement import ESTABLISHED_AFTER, INTERRUPTED_S, LEAVE_S, RETRY_S
+from guidance.engagement import ESTABLISHED_AFTER, LEAVE_S, RETRY_S, UNDER_WAY_S
 from guidance.mavlink.profiles import Profile
 from guidance.supervisor import Event, State
+from guidance.view import silence_limit_s
 from tests.engagement_bench import BOTH, PX4, ROVER, bench, mode, ways
 
 
@@ -40,7 +41,7 @@ def test_an_unasked_disarm_hands_over_in_the_same_update(profile: Profile, state
 
 @BOTH
 def test_silence_hands_over_well_before_the_firmware_acts(profile: Profile) -> None:
-    limit_s = min(INTERRUPTED_S, 0.5 * profile.stream_timeout_s)
+    limit_s = silence_limit_s(profile)
     it = bench(profile)
     it.reach(State.TRACKING)
     assert it.see(1.0, silent_s=limit_s - 0.01) == []
@@ -72,7 +73,12 @@ def test_a_lost_link_hands_over_and_what_comes_back_in_control_is_withheld(
     it.see(custom_mode=mode(profile, "manual"), intended_mode=mode(profile, "manual"))
     it.see(60.0, armed=False)
     assert it.state() is State.READY
-    assert it.reason() == f"waiting for the pilot to switch to {profile.control_mode.name}"
+    assert it.reason() == (
+        "control was handed over, so no stream is offered: "
+        "command engage, or switch to offboard before arming"
+        if profile.needs_stream
+        else "waiting for the pilot to switch to guided"
+    )
 
 
 @BOTH
@@ -185,6 +191,17 @@ def test_after_a_hand_over_the_rovers_pilot_may_switch_back_and_px4s_may_not() -
         it.reach(State.TRACKING)
         it.see(custom_mode=mode(profile, "manual"))
         it.see(custom_mode=profile.control_mode.custom_mode)
+        assert it.state() is after
+
+
+def test_a_mode_command_that_acts_late_is_not_taken_for_the_pilots_switch() -> None:
+    control = ROVER.control_mode.custom_mode
+    for late, after in [(True, State.HANDED_OVER), (False, State.TRACKING)]:
+        it = bench(ROVER, armed=True)
+        it.reach(State.SWITCHING)
+        assert ways(it.see(1.0, silent_s=1.0)) == [(State.HANDED_OVER, Event.INTERRUPTED)]
+        it.see(UNDER_WAY_S - 0.1 if late else UNDER_WAY_S, silent_s=0.0)
+        it.see(custom_mode=control)
         assert it.state() is after
 
 

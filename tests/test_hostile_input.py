@@ -3,8 +3,8 @@
 Invariant, held against random sequences of hostile datagrams in a flight that tracks:
 
 1. `Guide` raises nothing, and what it keeps does not grow with the input.
-2. Every setpoint is within the configured limits, and computed from the true state: the state in the
-   record is the plant's own to within the measurement's grain, whatever was injected.
+2. Every setpoint is within the configured limits, in the very bytes that are sent, and computed from the
+   true state: the state in the record is the plant's own to within the measurement's grain.
 3. Each hostile datagram is counted under a name, unless it is indistinguishable from a good one.
 """
 
@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.core import Guide
-from guidance.records import Input, InputKind, Record, Setpoint, State
+from guidance.records import Input, InputKind, Packet, Record, Setpoint, State
 from sitl.lockstep import Lockstep
 from tests.helpers import fly_until_tracking, make_config, make_flight, state_of
+from tests.sent_setpoints import asked, float32, sent_setpoint, within
 
 NAN = math.nan
 INF = math.inf
@@ -103,19 +104,37 @@ hostile = st.one_of(
 )
 
 
+#: Below what the vehicle does by itself, so that it is these limits which hold and not the plant's.
+NARROW = (
+    "limits.speed_min_m_s=-1",
+    "limits.speed_max_m_s=3",
+    "limits.roll_rate_max_rad_s=0.5",
+    "limits.pitch_rate_max_rad_s=1",
+    "limits.yaw_rate_max_rad_s=1.5",
+)
+
+
 def watched_flight() -> Lockstep:
-    """A flight in which every state is held against the plant, and every setpoint against its limits."""
-    flight = make_flight()
-    limits = flight.guide.config.limits
+    """A flight in which every state is held against the plant, and every setpoint's bytes against the limits.
+
+    The setpoint in the packet must be that of its record, too: what is written down is what was sent.
+    """
+    flight = make_flight(*NARROW)
+    config = flight.guide.config
+    recorded: list[Setpoint] = []
 
     def check(record: Record) -> None:
         if isinstance(record, State):
-            # 5 m/s for one period is what a change of speed within it can make.
-            assert math.dist(record.position_ned_m, flight.truth().position_ned_m) < 0.11
+            # 3 m/s for one period is what a change of speed within it can make.
+            assert math.dist(record.position_ned_m, flight.truth().position_ned_m) < 0.07
         elif isinstance(record, Setpoint):
-            assert limits.speed_min_m_s <= record.speed_m_s <= limits.speed_max_m_s
-            assert max(map(abs, record.body_rates_frd_rad_s)) <= limits.yaw_rate_max_rad_s
-            assert -1.0 <= record.thrust <= 1.0
+            recorded.append(record)
+        elif isinstance(record, Packet) and (message := sent_setpoint(record)) is not None:
+            assert within(message, config), message
+            setpoint = recorded.pop()
+            assert setpoint.t_ns == record.t_ns
+            assert asked(message) == tuple(map(float32, (*setpoint.body_rates_frd_rad_s, setpoint.thrust)))
+            assert not recorded, "a setpoint that was not sent"
 
     flight.on_record = check
     fly_until_tracking(flight)

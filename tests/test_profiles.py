@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.config import ConfigError
+from guidance.config import ConfigError, profile_of
 from guidance.mavlink.codec import PacketWriter
 from guidance.mavlink.profiles import (
     BODY_RATE_MAX_RAD_S,
@@ -21,7 +21,6 @@ from guidance.mavlink.profiles import (
     command_long,
     neutral,
     outgoing,
-    profile_of,
     set_attitude_target,
     set_mode_command,
 )
@@ -213,9 +212,9 @@ def test_the_configuration_names_a_profile_and_a_mode_to_leave_to() -> None:
     assert profile_of(make_config()) is UUV
     assert profile_of(make_config(*ROVER)) is BOAT
     for override, text in (
-        ("vehicle.profile=zeppelin", "known are ardupilot-rover, px4-uuv"),
-        ("supervisor.exit_mode=offboard", "not a mode to leave to"),
-        ("supervisor.exit_mode=smart_rtl", "px4-uuv knows"),
+        ("vehicle.profile=zeppelin", 'must be one of "ardupilot-rover", "px4-uuv"'),
+        ("supervisor.exit_mode=offboard", "not a mode that px4-uuv can be left in"),
+        ("supervisor.exit_mode=smart_rtl", 'must be one of "manual", "altitude"'),
     ):
         with pytest.raises(ConfigError, match=text):
-            profile_of(make_config(override))
+            make_config(override)

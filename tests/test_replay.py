@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+import threading
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from guidance.records import Input, Lost, Record, Session, Setpoint
+from guidance.records import TOPICS, Input, Lost, Packet, Record, Session, Setpoint
 from guidance.replay import ReplayError, replay
+from guidance.service import new_session
 from guidance.telemetry import Sample
 from guidance.telemetry.log import NotALog, read_log, read_records
 from guidance.telemetry.recorder import Recorder
@@ -88,17 +92,80 @@ def test_another_configuration_is_found(flown: list[Record], tmp_path: Path) -> 
     assert found.difference.topic in ("setpoint", "error")
 
 
-def test_lost_input_stops_the_replay_and_is_reported(flown: list[Record], tmp_path: Path) -> None:
-    index = [i for i, record in enumerate(flown) if isinstance(record, Input)][1000]
-    gap = [*flown[:index], *flown[index + 1 :]]
-    found = replay(write(tmp_path, gap))
+def an_input(flown: list[Record], *, followed_by: type[Record], after: int = 1000) -> tuple[int, Input]:
+    """The first input from number `after` on with a record of that type after it; where it is in `flown`."""
+    for (index, one), (_, following) in pairwise(enumerate(flown)):
+        if isinstance(one, Input) and one.seq >= after and isinstance(following, followed_by):
+            return index, one
+    raise AssertionError("there is none")
+
+
+def test_a_missing_input_without_consequence_stops_the_replay_at_the_next(
+    flown: list[Record], tmp_path: Path
+) -> None:
+    index, gone = an_input(flown, followed_by=Input)
+    found = replay(write(tmp_path, [*flown[:index], *flown[index + 1 :]]))
     assert not found.identical
-    assert "missing" in found.stopped or found.difference is not None
-    marked = [*flown[:index], Lost(t_ns=flown[index].t_ns, count=5), *flown[index + 5 :]]
-    found = replay(write(tmp_path / "marked", marked))
+    assert found.difference is None
+    assert found.stopped == f"input {gone.seq} is missing from the log, {gone.seq + 1} follows"
+    assert found.inputs == gone.seq
+
+
+def test_what_a_missing_input_brought_about_is_a_difference(flown: list[Record], tmp_path: Path) -> None:
+    index, gone = an_input(flown, followed_by=Packet)
+    found = replay(write(tmp_path, [*flown[:index], *flown[index + 1 :]]))
     assert not found.identical
+    assert found.stopped == ""
+    assert found.difference is not None
+    assert (found.difference.topic, found.difference.replayed) == ("packet", None)
+    assert f'"input_seq":{gone.seq},' in str(found.difference.logged)
+    assert found.inputs == gone.seq
+
+
+def test_a_mark_of_the_recorder_that_records_were_dropped_stops_the_replay(
+    flown: list[Record], tmp_path: Path
+) -> None:
+    index, gone = an_input(flown, followed_by=Input)
+    marked = [*flown[:index], Lost(t_ns=gone.t_ns, count=5), *flown[index + 5 :]]
+    found = replay(write(tmp_path, marked))
+    assert not found.identical
+    assert found.difference is None
     assert "drop" in found.stopped
-    assert found.inputs == 1000
+    assert found.inputs == gone.seq
+
+
+def test_a_log_ended_for_lack_of_space_is_not_called_identical(flown: list[Record], tmp_path: Path) -> None:
+    """Two thirds of the flight are in it, all as flown and whole to the last input; the rest is nowhere."""
+    config = make_config()
+    session = new_session(config)
+    index, _ = an_input(flown, followed_by=Input, after=2000)
+    now_ns = itertools.count(0, 10_000_000)
+    ended = threading.Event()
+    recorder = Recorder(
+        tmp_path,
+        vehicle="demo",
+        session_id=session.session_id,
+        unix_offset_ns=0,
+        free_bytes=lambda _: 1 << 40 if len(recorder._queue) else 0,
+        clock_ns=lambda: next(now_ns),
+        wait=lambda _: ended.set() if "must stay free" in recorder.problem else None,
+    )
+
+    def offer(records: list[Record]) -> None:
+        for record in records:
+            recorder.offer(Sample(TOPICS[type(record)], record.t_ns, msgspec.json.encode(record)))
+
+    offer([session, *flown[:index]])
+    recorder.start()
+    assert ended.wait(20.0)
+    offer(flown[index:])
+    assert not recorder.close(20.0)
+    assert recorder.dropped == len(flown) - index > 1000
+    found = replay(recorder.path)
+    assert not found.identical
+    assert found.difference is None
+    assert found.tracked > 50
+    assert "the recorder ended it here: 0 MiB free" in found.stopped
 
 
 def test_a_log_that_is_cut_off_replays_up_to_the_cut(log: Path, tmp_path: Path) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
@@ -15,56 +14,14 @@ import uvloop
 from pymavlink.dialects.v20 import all as mavlink
 
 from guidance import shell
-from guidance.config import Config
 from guidance.records import Command, Packet, State
-from guidance.service import new_session
 from guidance.shell import Shell
 from guidance.telemetry import Sample
-from guidance.telemetry.sinks import Sinks
 from tests.helpers import make_config
-from tests.service_rig import PATIENCE_S, Bell, Memory, VehicleEnd, a_socket, received
+from tests.service_rig import PATIENCE_S, Rig, VehicleEnd, a_socket, received, running, vehicle_for
 
 Runner = Callable[[Coroutine[Any, Any, None]], None]
 on_both_loops = pytest.mark.parametrize("runner", [asyncio.run, uvloop.run], ids=["asyncio", "uvloop"])
-
-
-class Rig:
-    """A shell on a free port, and the records that it publishes."""
-
-    def __init__(self, config: Config) -> None:
-        self.bell = Bell()
-        self.memory = Memory(self.bell.ring)
-        self.shell = Shell(config, Sinks({"memory": self.memory}), new_session(config))
-        self.run = asyncio.get_running_loop().create_task(self.shell.run())
-        self.run.add_done_callback(lambda _: self.bell.ring())
-
-    async def address(self) -> tuple[str, int]:
-        await self.bell.until(lambda: self.memory.events("link_up"), "an open socket")
-        assert self.shell.address is not None
-        host, port = self.shell.address[:2]
-        return host, port
-
-
-@asynccontextmanager
-async def running(*overrides: str) -> AsyncIterator[Rig]:
-    """The service until the end of the block; whatever a bug of it raised is raised here."""
-    listen = 'link.connection="udpin://127.0.0.1:0"'
-    rig = Rig(make_config(listen, *overrides))
-    try:
-        yield rig
-    finally:
-        rig.shell.command(Command.SHUTDOWN)
-        await asyncio.wait_for(rig.run, PATIENCE_S)
-
-
-@asynccontextmanager
-async def vehicle_for(rig: Rig) -> AsyncIterator[VehicleEnd]:
-    vehicle = VehicleEnd(await rig.address(), rig.bell.ring)
-    await vehicle.open()
-    try:
-        yield vehicle
-    finally:
-        vehicle.close()
 
 
 def heartbeat(system: int) -> bytes:

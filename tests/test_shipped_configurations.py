@@ -6,17 +6,18 @@ import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple, get_type_hints
+from typing import Any, Final, NamedTuple, get_args, get_type_hints
 
 import msgspec
 import pytest
 
-from guidance.checking import allowed
-from guidance.config import Config, load
+from guidance.checking import allowed, one_of
+from guidance.config import Config, LawConfig, load, parse
 from guidance.mavlink.profiles import PROFILES
 from guidance.records import TrackingError
 from guidance.supervisor import State
 from guidance.trajectory import TRAJECTORIES
+from guidance.tuning import ErrorFunction
 from sitl.lockstep import Lockstep
 from tests.helpers import DEMO, fly_until, fly_until_tracking, make_flight, records_of
 from tests.pilot import Pilot
@@ -31,10 +32,20 @@ UNITS: Final = {
     "_hz": "Hz",
     "_m_s": "m/s",
     "_rad_s": "rad/s",
+    "_m_s2": "m/s^2",
+    "_rad_s2": "rad/s^2",
     "_per_s": "1/s",
     "_deg": "degrees",
     "_mb": "MB",
 }
+
+
+#: The tables whose `name` says which keys the others are.
+CHOICES: Final[dict[str, dict[str, type[msgspec.Struct]]]] = {
+    "trajectory": dict(TRAJECTORIES),
+    "law.error_function": {str(kind.__struct_config__.tag): kind for kind in get_args(ErrorFunction)},
+}
+ABSENT: Final = "Absent: no limit."
 
 
 class Key(NamedTuple):
@@ -51,18 +62,24 @@ class Key(NamedTuple):
 
 
 def keys_in(path: Path) -> dict[str, Key]:
-    """Dotted key -> how the file shows it; a trajectory's keys are `trajectory.NAME.KEY`."""
+    """Dotted key -> how the file shows it; the keys of a choice are `trajectory.NAME.KEY`.
+
+    A header may be a comment too, and then everything in its table must be.
+    """
     shown: dict[str, Key] = {}
-    table = ""
+    table = header_of_part = ""
+    commented = False
     comment: list[str] = []
     for line in path.read_text(encoding="utf-8").splitlines():
         key = re.fullmatch(r"(# )?([a-z_0-9]+) = (.+)", line)
-        if header := re.fullmatch(r"\[([a-z]+)\]", line):
-            table, comment = header[1], []
-        elif part := re.fullmatch(r"# --- ([a-z]+) ---", line):
-            table, comment = f"trajectory.{part[1]}", []
+        if header := re.fullmatch(r"(# )?\[([a-z_.]+)\]", line):
+            table = header_of_part = header[2]
+            commented, comment = bool(header[1]), []
+        elif part := re.fullmatch(r"# --- ([a-z-]+) ---", line):
+            table, comment = f"{header_of_part}.{part[1]}", []
         elif key:
             assert f"{table}.{key[2]}" not in shown
+            assert key[1] or not commented, f"{key[2]} stands in another table than [{table}]"
             shown[f"{table}.{key[2]}"] = Key(" ".join(comment), not key[1], key[3])
             comment = []
         elif line.startswith("#"):
@@ -91,14 +108,21 @@ def fields(kind: type[msgspec.Struct], above: str) -> Iterator[tuple[str, Any, A
 
 
 def every_key() -> list[tuple[str, Any, Any]]:
-    """Of the whole configuration, with the keys of all trajectories."""
+    """Of the whole configuration, with the keys of all trajectories and error functions."""
     found = []
     for table in msgspec.structs.fields(Config):
         if table.name != "trajectory":
-            found += list(fields(table.type, table.name))
-    for name, kind in TRAJECTORIES.items():
-        found += list(fields(kind, f"trajectory.{name}"))
+            found += [row for row in fields(table.type, table.name) if row[0] != "law.error_function"]
+    for choice, kinds in CHOICES.items():
+        for name, kind in kinds.items():
+            found += list(fields(kind, f"{choice}.{name}"))
     return found
+
+
+def chosen_in(shown: dict[str, Key], dotted: str) -> bool:
+    """Whether a key belongs to what is chosen: always, but for the keys of the other choices."""
+    choice = next((choice for choice in CHOICES if dotted.startswith(f"{choice}.")), None)
+    return choice is None or dotted.split(".")[-2] in (choice.split(".")[-1], shown[f"{choice}.name"].value)
 
 
 def test_there_is_an_example_for_every_profile() -> None:
@@ -109,22 +133,34 @@ def test_there_is_an_example_for_every_profile() -> None:
 def test_every_key_is_shown_with_unit_range_and_default(path: Path) -> None:
     shown = keys_in(path)
     expected = every_key()
-    assert set(shown) == {key for key, _, _ in expected} | {"trajectory.name"}
+    assert set(shown) == {key for key, _, _ in expected} | {f"{choice}.name" for choice in CHOICES}
     for dotted, field, hint in expected:
         key = shown[dotted]
         words = allowed(hint)
+        assert allowed_value(key.value, hint), dotted
         assert f"{words[0].upper()}{words[1:]}. " in key.comment, f"{dotted}: the comment lacks: {words}"
         unit = unit_of(dotted)
         assert re.search(rf"(?<!\w){re.escape(unit)}(?!\w)", key.comment), f"{dotted}: the unit {unit}?"
         if field.required:
-            assert key.active, f"{dotted} is required"
+            assert key.active or not chosen_in(shown, dotted), f"{dotted} is required"
             assert key.comment.endswith("Required."), dotted
+        elif field.default is None:
+            assert key.comment.endswith(ABSENT), dotted
         else:
             default = msgspec.to_builtins(field.default)
             literal = re.search(r"Default (.+)\.$", key.comment)
             assert literal, f"{dotted}: the comment lacks its default"
             assert value_of(literal[1]) == _toml(default), dotted
             assert key.active or key.value == _toml(default), dotted
+
+
+def allowed_value(value: Any, hint: Any) -> bool:
+    """Whether the configuration takes it."""
+    try:
+        msgspec.convert(value, hint)
+    except msgspec.ValidationError:
+        return False
+    return True
 
 
 def _toml(value: Any) -> Any:
@@ -141,21 +177,54 @@ def test_names_that_only_the_profile_knows_are_listed(path: Path) -> None:
     for mode in profile.modes:
         listed = f'"{mode.name}"' in shown["supervisor.exit_mode"].comment
         assert listed is (mode != profile.control_mode), mode.name
-    for name in TRAJECTORIES:
-        assert f'"{name}"' in shown["trajectory.name"].comment
+    for choice, kinds in CHOICES.items():
+        assert one_of(kinds) in shown[f"{choice}.name"].comment
+    assert shown["trajectory.name"].comment.endswith("Required.")
+    paper = next(f.default for f in msgspec.structs.fields(LawConfig) if f.name == "error_function")
+    assert shown["law.error_function.name"].value == paper.__struct_config__.tag
+    assert shown["law.error_function.name"].comment.endswith(f'Default "{paper.__struct_config__.tag}".')
 
 
 @EACH
 def test_uncommenting_every_default_changes_nothing(path: Path) -> None:
     config = load(path)
+    shown = keys_in(path)
     chosen = str(config.trajectory.__struct_config__.tag)
     settings = [
         f"{dotted.replace(f'.{chosen}.', '.')}={key.literal}"
-        for dotted, key in keys_in(path).items()
-        if not key.active and (not dotted.startswith("trajectory.") or f".{chosen}." in dotted)
+        for dotted, key in shown.items()
+        if not key.active and chosen_in(shown, dotted) and not key.comment.endswith(ABSENT)
     ]
+    assert 'law.error_function.name="quadratic"' in settings
     assert len(settings) > 10
     assert load(path, settings) == config
+
+
+@EACH
+def test_what_has_no_default_can_be_uncommented_as_it_stands(path: Path) -> None:
+    absent = {dotted: key for dotted, key in keys_in(path).items() if key.comment.endswith(ABSENT)}
+    assert len(absent) == 4
+    limits = load(path, [f"{dotted}={key.literal}" for dotted, key in absent.items()]).limits
+    for dotted, key in absent.items():
+        assert getattr(limits, dotted.removeprefix("limits.")) == key.value
+
+
+@EACH
+@pytest.mark.parametrize("name", CHOICES["law.error_function"])
+def test_each_error_function_can_be_uncommented_as_it_stands(path: Path, name: str) -> None:
+    before, header, after = path.read_text(encoding="utf-8").partition("# [law.error_function]\n")
+    assert header
+    after = after.replace('# name = "quadratic"\n', f'name = "{name}"\n', 1)
+    if name != "quadratic":
+        front, part, rest = after.partition(f"# --- {name} ---\n")
+        assert part
+        keys, end, rest = rest.partition("\n\n")
+        after = front + part + re.sub(r"(?m)^# (?=[a-z_]+ = )", "", keys) + end + rest
+    config = parse(f"{before}[law.error_function]\n{after}", str(path))
+    assert type(config.law.error_function) is CHOICES["law.error_function"][name]
+    assert config == msgspec.structs.replace(
+        load(path), law=msgspec.structs.replace(load(path).law, error_function=config.law.error_function)
+    )
 
 
 def converges(flight: Lockstep, seconds: float) -> None:

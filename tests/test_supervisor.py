@@ -9,6 +9,7 @@ from typing import Final
 import pytest
 
 from guidance.supervisor import (
+    BRIEFS,
     CAUSES,
     MEANINGS,
     SETPOINTS,
@@ -16,6 +17,7 @@ from guidance.supervisor import (
     Event,
     Setpoints,
     State,
+    status_text,
     table_markdown,
     transition,
 )
@@ -45,6 +47,7 @@ EXPECTED: Final[dict[str, dict[str, str]]] = {
         "step-timeout": "aborted",
         "mode-left": "handed-over",
         "disarmed": "handed-over",
+        "interrupted": "handed-over",
         "lost": "disconnected",
         "shutdown": "backing-out",
     },
@@ -53,6 +56,7 @@ EXPECTED: Final[dict[str, dict[str, str]]] = {
         "step-timeout": "aborted",
         "mode-left": "handed-over",
         "disarmed": "handed-over",
+        "interrupted": "handed-over",
         "lost": "handed-over",
         "shutdown": "backing-out",
     },
@@ -61,6 +65,7 @@ EXPECTED: Final[dict[str, dict[str, str]]] = {
         "step-timeout": "aborted",
         "mode-left": "handed-over",
         "disarmed": "handed-over",
+        "interrupted": "handed-over",
         "lost": "handed-over",
         "shutdown": "backing-out",
     },
@@ -195,6 +200,15 @@ def test_the_table_for_people_names_every_state_event_and_transition() -> None:
         assert ways[0].rstrip(" |").endswith(f"→ **{after}**")
     for event in Event:
         assert f"| `{event}` | {CAUSES[event]} |" in table
+
+
+def test_every_change_fits_into_a_status_text_whole_or_in_brief() -> None:
+    assert set(BRIEFS) == set(Event)
+    for (_, event), after in TRANSITIONS.items():
+        assert status_text(after, event, "short") == f"guidance: {after}: short"
+        brief = status_text(after, event, 50 * "x")
+        assert brief == f"guidance: {after}: {BRIEFS[event]}"
+        assert len(brief.encode("ascii")) <= 50
 
 
 def test_the_readme_shows_the_table_as_it_is() -> None:

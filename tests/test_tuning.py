@@ -9,7 +9,6 @@ import pytest
 
 from guidance import error_function
 from guidance.config import Config, ConfigError, from_json, parse, to_json
-from guidance.core import Guide
 from guidance.law import GLOBAL, PAPER, Parameters
 from guidance.records import Setpoint
 from guidance.se3 import ZERO, Vec3
@@ -173,6 +172,11 @@ def test_a_wrong_value_in_the_file_is_named_with_its_line() -> None:
     assert "law.error_function.name is missing: must be" in refusal(text=nameless)
 
 
-def test_a_planar_profile_refuses_to_turn_by_rolling() -> None:
-    with pytest.raises(ConfigError, match=r"law\.allocation = 'roll-yaw': ardupilot-rover is planar"):
-        Guide(make_config(*ROVER, "law.allocation=roll-yaw"))
+@pytest.mark.parametrize("roll_rate", [0, 1])
+def test_a_planar_profile_refuses_to_turn_by_rolling(roll_rate: int) -> None:
+    said = 'law.allocation = "roll-yaw": ardupilot-rover is planar and cannot roll; must be "pitch-yaw"'
+    overrides = (*ROVER, f"limits.roll_rate_max_rad_s={roll_rate}")
+    assert refusal(*overrides, "law.allocation=roll-yaw") == f"--set law.allocation=roll-yaw: {said}"
+    text = TEXT.replace("[law]\n", '[law]\nallocation = "roll-yaw"\n')
+    line = text.splitlines().index('allocation = "roll-yaw"') + 1
+    assert refusal(*overrides, text=text) == f"flight.toml:{line}: {said}"

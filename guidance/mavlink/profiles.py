@@ -14,8 +14,6 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.config import Config, ConfigError
-
 _IGNORE_ROLL_RATE: Final = 1
 _IGNORE_PITCH_RATE: Final = 2
 _IGNORE_ATTITUDE: Final = 128
@@ -149,27 +147,6 @@ PROFILES: Final[dict[str, Profile]] = {
         ),
     )
 }
-
-
-def profile_of(config: Config) -> Profile:
-    """The row that the configuration names; raises ConfigError for what this profile cannot do."""
-    profile = PROFILES.get(config.vehicle.profile)
-    if profile is None:
-        raise ConfigError(
-            f"vehicle.profile = {config.vehicle.profile!r}: unknown; known are {', '.join(sorted(PROFILES))}"
-        )
-    allowed = [mode.name for mode in profile.modes if mode != profile.control_mode]
-    if config.supervisor.exit_mode not in allowed:
-        raise ConfigError(
-            f"supervisor.exit_mode = {config.supervisor.exit_mode!r}: not a mode to leave to; "
-            f"{profile.name} knows {', '.join(allowed)}"
-        )
-    if profile.planar and config.law.allocation != "pitch-yaw":
-        raise ConfigError(
-            f"law.allocation = {config.law.allocation!r}: {profile.name} is planar and cannot roll; "
-            "must be 'pitch-yaw'"
-        )
-    return profile
 
 
 class Outgoing(NamedTuple):

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.vehicle import telemetry
 from sitl.vehicle.sample import Sample
-from sitl.vehicle.telemetry import ID, Builder
+from sitl.vehicle.telemetry import Builder
 
 if TYPE_CHECKING:
     from sitl.vehicle.ardupilot import ArduRover
@@ -49,20 +49,16 @@ def ardupilot_builders(pilot: ArduRover) -> dict[int, Builder]:
     """Message id -> what fills it; the mode and arming come from `pilot`."""
     messages = _ArduPilotMessages(pilot)
     ready = pilot.if_ready
-    named: dict[str, Builder] = {
+    special: dict[str, Builder] = {
         "AHRS": messages.ahrs,
         "AHRS2": messages.ahrs2,
-        "ATTITUDE": telemetry.attitude,
-        "ATTITUDE_QUATERNION": telemetry.attitude_quaternion,
         "AUTOPILOT_VERSION": messages.autopilot_version,
         "BATTERY_STATUS": telemetry.battery_status(12600, 100),
         "EKF_STATUS_REPORT": messages.ekf_status_report,
         "GLOBAL_POSITION_INT": messages.global_position_int,
-        "GPS_GLOBAL_ORIGIN": ready(pilot.gps_global_origin),
         "GPS_RAW_INT": messages.gps_raw_int,
         "HEARTBEAT": messages.heartbeat,
         "HOME_POSITION": ready(messages.home_position),
-        "LOCAL_POSITION_NED": ready(telemetry.local_position_ned),
         "MEMINFO": messages.meminfo,
         "MISSION_CURRENT": messages.mission_current,
         "NAV_CONTROLLER_OUTPUT": messages.nav_controller_output,
@@ -70,16 +66,11 @@ def ardupilot_builders(pilot: ArduRover) -> dict[int, Builder]:
         "RAW_IMU": messages.raw_imu,
         "RC_CHANNELS": messages.rc_channels,
         "RC_CHANNELS_SCALED": messages.rc_channels_scaled,
-        "SCALED_PRESSURE": telemetry.scaled_pressure,
         "SERVO_OUTPUT_RAW": messages.servo_output_raw,
         "SIMSTATE": messages.simstate,
         "SYS_STATUS": messages.sys_status,
-        "SYSTEM_TIME": pilot.system_time,
-        "TIMESYNC": pilot.ask_timesync,
-        "VFR_HUD": telemetry.vfr_hud,
-        "VIBRATION": telemetry.vibration,
     }
-    return {ID[name]: builder for name, builder in named.items()}
+    return telemetry.builders(pilot, special)
 
 
 class _ArduPilotMessages:

@@ -11,7 +11,7 @@ from sitl.vehicle import telemetry
 from sitl.vehicle.frame import FrameType
 from sitl.vehicle.px4_modes import STANDARD_MODES
 from sitl.vehicle.sample import Sample
-from sitl.vehicle.telemetry import ID, Builder
+from sitl.vehicle.telemetry import Builder
 
 if TYPE_CHECKING:
     from sitl.vehicle.px4 import Px4
@@ -64,10 +64,8 @@ def px4_builders(pilot: Px4) -> dict[int, Builder]:
     """Message id -> what fills it; the mode and arming come from `pilot`."""
     messages = _Px4Messages(pilot)
     ready = pilot.if_ready
-    named: dict[str, Builder] = {
+    special: dict[str, Builder] = {
         "ALTITUDE": ready(messages.altitude),
-        "ATTITUDE": telemetry.attitude,
-        "ATTITUDE_QUATERNION": telemetry.attitude_quaternion,
         "ATTITUDE_TARGET": messages.attitude_target,
         "AUTOPILOT_VERSION": messages.autopilot_version,
         "BATTERY_STATUS": telemetry.battery_status(16200, 99),
@@ -75,24 +73,17 @@ def px4_builders(pilot: Px4) -> dict[int, Builder]:
         "ESTIMATOR_STATUS": messages.estimator_status,
         "EXTENDED_SYS_STATE": messages.extended_sys_state,
         "GLOBAL_POSITION_INT": ready(telemetry.global_position_int),
-        "GPS_GLOBAL_ORIGIN": ready(pilot.gps_global_origin),
         "GPS_RAW_INT": messages.gps_raw_int,
         "HEARTBEAT": messages.heartbeat,
         "HIGHRES_IMU": messages.highres_imu,
         "HOME_POSITION": ready(messages.home_position),
-        "LOCAL_POSITION_NED": ready(telemetry.local_position_ned),
         "MISSION_CURRENT": messages.mission_current,
         "ODOMETRY": ready(messages.odometry),
         "PING": messages.ping,
-        "SCALED_PRESSURE": telemetry.scaled_pressure,
         "SERVO_OUTPUT_RAW": messages.servo_output_raw,
         "SYS_STATUS": messages.sys_status,
-        "SYSTEM_TIME": pilot.system_time,
-        "TIMESYNC": pilot.ask_timesync,
-        "VFR_HUD": telemetry.vfr_hud,
-        "VIBRATION": telemetry.vibration,
     }
-    return {ID[name]: builder for name, builder in named.items()}
+    return telemetry.builders(pilot, special)
 
 
 class _Px4Messages:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -12,6 +12,9 @@ from sitl.plant import Triple
 from sitl.vehicle.frame import FrameType
 from sitl.vehicle.options import Origin
 from sitl.vehicle.sample import FIELD_NED_GAUSS, Sample, geodetic
+
+if TYPE_CHECKING:
+    from sitl.vehicle.autopilot import Autopilot
 
 #: Message id of each name, in the words of the dialect.
 ID: Final[dict[str, int]] = {
@@ -25,6 +28,22 @@ _ATTITUDE: Final = FrameType(mavlink.MAVLink_attitude_message)
 _ATTITUDE_QUATERNION: Final = FrameType(mavlink.MAVLink_attitude_quaternion_message)
 _LOCAL_POSITION_NED: Final = FrameType(mavlink.MAVLink_local_position_ned_message)
 _GLOBAL_POSITION_INT: Final = FrameType(mavlink.MAVLink_global_position_int_message)
+
+
+def builders(pilot: Autopilot, special: Mapping[str, Builder]) -> dict[int, Builder]:
+    """Message id -> what fills it: the messages that every firmware fills alike, and `special` by name."""
+    named: dict[str, Builder] = {
+        "ATTITUDE": attitude,
+        "ATTITUDE_QUATERNION": attitude_quaternion,
+        "GPS_GLOBAL_ORIGIN": pilot.if_ready(pilot.gps_global_origin),
+        "LOCAL_POSITION_NED": pilot.if_ready(local_position_ned),
+        "SCALED_PRESSURE": scaled_pressure,
+        "SYSTEM_TIME": pilot.system_time,
+        "TIMESYNC": pilot.ask_timesync,
+        "VFR_HUD": vfr_hud,
+        "VIBRATION": vibration,
+    }
+    return {ID[name]: builder for name, builder in {**named, **special}.items()}
 
 
 def attitude(s: Sample) -> Any:

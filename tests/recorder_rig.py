@@ -1,0 +1,108 @@
+"""What the tests of the flight log share: samples, recorders, reading back, disks that hang or fill up."""
+
+from __future__ import annotations
+
+import errno
+import threading
+from pathlib import Path
+from typing import Any
+
+from guidance.telemetry import Sample
+from guidance.telemetry.log import LogDamaged, read_log
+from guidance.telemetry.recorder import DiskFile, LogFile, Recorder
+
+CLOSE_S = 20.0  # a deadline that a healthy disk never comes near
+OFFSET_NS = 1_700_000_000_000_000_000
+
+Message = tuple[str, bytes]
+
+
+def sample(number: int, topic: str = "state", size: int = 40) -> Sample:
+    return Sample(topic, number * 1_000_000, b'{"t_ns":%d,"pad":"%s"}' % (number * 1_000_000, b"x" * size))
+
+
+def recorder(directory: Path, **changes: Any) -> Recorder:
+    settings: dict[str, Any] = {
+        "vehicle": "rover1",
+        "session_id": "0123456789abcdef",
+        "unix_offset_ns": OFFSET_NS,
+    }
+    return Recorder(directory, **(settings | changes))
+
+
+def record_all(directory: Path, samples: list[Sample], **changes: Any) -> Path:
+    sink = recorder(directory, **changes)
+    for item in samples:
+        sink.offer(item)
+    sink.start()
+    assert sink.close(CLOSE_S), sink.problem
+    return sink.path
+
+
+def readable(path: Path) -> tuple[list[Message], LogDamaged | None]:
+    messages: list[Message] = []
+    try:
+        messages.extend(read_log(path))
+    except LogDamaged as damage:
+        # `extend` keeps what it got before the exception
+        return messages, damage
+    return messages, None
+
+
+def as_messages(samples: list[Sample]) -> list[Message]:
+    return [(item.topic, item.payload) for item in samples]
+
+
+class GatedFile(DiskFile):
+    """A disk that hangs: the first write waits for `gate`, and `reached` tells that it does."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.gate = threading.Event()
+        self.reached = threading.Event()
+
+    def write(self, data: Any, /) -> int:
+        self.reached.set()
+        self.gate.wait()
+        return super().write(data)
+
+
+class SmallDisk(DiskFile):
+    """A disk of `room` bytes that takes half a write at its end, as real ones do."""
+
+    room = 0
+
+    def write(self, data: Any, /) -> int:
+        left = self.room - self.tell()
+        if left <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data[:left])
+
+
+class HungDisk:
+    """A recorder whose file is a `GatedFile`; the gate opens when the block ends."""
+
+    def __init__(self, directory: Path, **changes: Any) -> None:
+        self.files: list[GatedFile] = []
+        self.opened = threading.Event()
+        self.sink = recorder(directory, open_file=self._open, **changes)
+
+    def _open(self, path: Path) -> LogFile:
+        self.files.append(GatedFile(path))
+        self.opened.set()
+        return self.files[0]
+
+    def hang(self) -> None:
+        """Start, offer one sample and return when its write hangs."""
+        self.sink.start()
+        self.sink.offer(sample(0))
+        assert self.opened.wait(CLOSE_S)
+        assert self.files[0].reached.wait(CLOSE_S)
+
+    def __enter__(self) -> HungDisk:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for file in self.files:
+            file.gate.set()
+        self.sink.close(CLOSE_S)

@@ -1,0 +1,229 @@
+"""Settings that are each right and together are not: refused with key, place and what to do."""
+
+from __future__ import annotations
+
+import math
+from typing import get_args
+
+import msgspec
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from guidance.config import ConfigError, Locator, Zenoh, from_json, parse, profile_of, to_json
+from guidance.mavlink.profiles import PROFILES
+from guidance.telemetry.zenoh_sink import zenoh_config
+from guidance.trajectory import TRAJECTORIES, Helix
+from tests.helpers import DEMO, ROVER, make_config
+
+TEXT = DEMO.read_text(encoding="utf-8")
+#: A level turn of 2 rad/s.
+TURNING = ("trajectory.name=circle", "trajectory.radius_m=1", "trajectory.speed_m_s=2")
+
+
+def refusal(*overrides: str, text: str = TEXT) -> str:
+    """What the operator is told; the test fails if nothing is refused."""
+    with pytest.raises(ConfigError) as caught:
+        parse(text, "flight.toml", overrides)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (["limits.speed_min_m_s=5"], "limits.speed_min_m_s = 5: must be below speed_max_m_s = 5"),
+        (["law.rho2_per_s=50"], "rho2_per_s times the period of link.rate_hz = 50 is 1: must be below 1"),
+        (["law.rho3_per_s=11", "link.rate_hz=10.5"], "rho3_per_s times the period of link.rate_hz = 10.5 is"),
+        (["law.k=5", "law.beta=0.1"], "law.k = 5.0: k / beta times the period of link.rate_hz = 50 is 1"),
+        (["trajectory.speed_m_s=6"], "it moves at 6 m/s, and the vehicle at most at 5"),
+        (
+            ["trajectory.down_m_s=7"],
+            'trajectory.name = "helix": it moves at 7 m/s, and the vehicle at most at 5',
+        ),
+        (
+            ["trajectory.speed_m_s=4", "trajectory.down_m_s=4"],
+            "it moves at 5.66 m/s, and the vehicle at most",
+        ),
+        (["vehicle.speed_at_full_thrust_m_s=0.05"], "it moves at 0.141 m/s, and the vehicle at most at 0.05"),
+        (
+            ["limits.speed_min_m_s=0.5", "law.name=global"],
+            "it moves at 0.141 m/s, and the vehicle never slower than limits.speed_min_m_s = 0.5",
+        ),
+        (["limits.speed_min_m_s=0"], 'limits.speed_min_m_s = 0: the law "paper" reverses'),
+        (
+            ["limits.speed_min_m_s=0.1"],
+            'set law.name = "global", which only goes forward, or a value below 0',
+        ),
+        (
+            ["trajectory.radius_m=0.01", "trajectory.speed_m_s=0.4"],
+            "it turns at 38.8 rad/s, and the vehicle at most at 7.07 "
+            "(limits.yaw_rate_max_rad_s, limits.pitch_rate_max_rad_s)",
+        ),
+        (
+            [*TURNING, "law.allocation=roll-pitch", "limits.pitch_rate_max_rad_s=1"],
+            "it turns at 2 rad/s, and the vehicle at most at 1 (limits.pitch_rate_max_rad_s)",
+        ),
+        (
+            [*TURNING, "law.allocation=roll-yaw", "limits.yaw_rate_max_rad_s=1"],
+            "it turns at 2 rad/s, and the vehicle at most at 1 (limits.yaw_rate_max_rad_s)",
+        ),
+        (
+            [*ROVER, *TURNING, "limits.yaw_rate_max_rad_s=1", "limits.pitch_rate_max_rad_s=9"],
+            "it turns at 2 rad/s, and the vehicle at most at 1 (limits.yaw_rate_max_rad_s)",
+        ),
+        (["trajectory.name=zigzag", "trajectory.speed_m_s=4"], "it moves at 5.66 m/s"),
+    ],
+)
+def test_settings_that_contradict_each_other_are_refused(overrides: list[str], said: str) -> None:
+    message = refusal(*overrides)
+    assert said in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_a_trajectory_at_the_very_limit_of_speed_is_not_refused(name: str) -> None:
+    speed = {"zigzag": 5.0 / math.sqrt(2.0), "helix": 3.0}.get(name, 5.0)
+    settings = [f"trajectory.name={name}", f"trajectory.speed_m_s={speed!r}"]
+    if name == "helix":
+        settings.append("trajectory.down_m_s=-4")
+    assert make_config(*settings).trajectory.speed_m_s == speed
+    assert "it moves at 5 m/s" in refusal(*settings, "limits.speed_max_m_s=4.9999")
+
+
+def test_a_planar_vehicle_is_held_to_what_it_does_in_the_plane() -> None:
+    assert make_config(*ROVER, "trajectory.down_m_s=7").trajectory == Helix(down_m_s=7.0)
+    limits = ("limits.yaw_rate_max_rad_s=1.9999", "limits.pitch_rate_max_rad_s=9")
+    assert make_config(*TURNING, *limits).limits.yaw_rate_max_rad_s == 1.9999  # in space, by pitching too
+    assert "it turns at 2 rad/s" in refusal(*ROVER, *TURNING, *limits)
+    assert make_config(*ROVER, *TURNING, "limits.yaw_rate_max_rad_s=2").limits.yaw_rate_max_rad_s == 2.0
+
+
+def test_what_the_law_global_does_without_reverse_is_not_refused() -> None:
+    assert make_config("law.name=global", "limits.speed_min_m_s=0").limits.speed_min_m_s == 0.0
+    assert make_config("law.name=global", "limits.speed_min_m_s=0.14").limits.speed_min_m_s == 0.14
+    assert make_config("limits.speed_min_m_s=-1e-3").law.name == "paper"
+
+
+ROVER_EXITS = (
+    '"manual", "acro", "steering", "hold", "loiter", "follow", "simple", "dock", "circle", "auto", "rtl", '
+    '"smart_rtl" or "initialising"'
+)
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        (
+            "vehicle.profile=px4-uv",
+            '"px4-uv": must be "ardupilot-rover" or "px4-uuv" (did you mean px4-uuv?)',
+        ),
+        ("vehicle.profile=zeppelin", '"zeppelin": must be "ardupilot-rover" or "px4-uuv"'),
+        (
+            "supervisor.exit_mode=holt",
+            '"holt": not a mode that px4-uuv can be left in; must be "manual", "altitude", "position", '
+            '"takeoff", "hold", "mission", "return", "land", "acro" or "stabilized" (did you mean hold?)',
+        ),
+        ("supervisor.exit_mode=offboard", '"offboard": not a mode that px4-uuv can be left in; must be "man'),
+        ("supervisor.exit_mode=guided", '"guided": not a mode that px4-uuv can be left in; must be "man'),
+    ],
+)
+def test_names_that_only_the_profile_knows_are_refused_in_their_place(setting: str, said: str) -> None:
+    key, _, value = setting.partition("=")
+    table, _, name = key.partition(".")
+    assert refusal(setting).startswith(f"--set {setting}: {key} = {said}")
+    lines = [line for line in TEXT.splitlines() if not line.startswith(f"{name} =")]
+    number = lines.index(f"[{table}]") + 1
+    lines.insert(number, f'{name} = "{value}"')
+    message = refusal(text="\n".join(lines))
+    assert message.startswith(f"flight.toml:{number + 1}: {key} = {said}")
+    assert "\n" not in message
+
+
+def test_each_profile_has_its_own_modes() -> None:
+    exit_mode = "supervisor.exit_mode=smart_rtl"
+    assert make_config(*ROVER, exit_mode).supervisor.exit_mode == "smart_rtl"
+    assert profile_of(make_config(*ROVER)) is PROFILES["ardupilot-rover"]
+    assert refusal(*ROVER, "supervisor.exit_mode=land").endswith(f"must be {ROVER_EXITS}")
+
+
+LOCATORS = "must be a list of texts (PROTOCOL/ADDRESS, such as tcp/192.168.1.2:7447)"
+
+
+@pytest.mark.parametrize("key", ["zenoh.connect", "zenoh.listen"])
+@pytest.mark.parametrize(
+    "locator",
+    [
+        "",
+        "no locator",
+        "tcp",
+        "tcp/",
+        "/a:1",
+        "192.168.1.2:7447",
+        "tcp/a:1#b?c",
+        "tcp/a:1#",
+        "tcp/a:1?;",
+        "tcp/a:1\\n",
+    ],
+)
+def test_what_is_no_locator_is_refused_before_zenoh_sees_it(key: str, locator: str) -> None:
+    setting = f'{key}=["tcp/127.0.0.1:7447", "{locator}"]'
+    shown = locator.replace("\\n", "\n")
+    assert refusal(setting) == f"--set {setting}: {key} = {['tcp/127.0.0.1:7447', shown]!r}: {LOCATORS}"
+    table, name = key.split(".")
+    text = f'{TEXT}[{table}]\n{name} = ["{locator}"]\n'
+    number = text.count("\n")
+    assert refusal(text=text).startswith(f"flight.toml:{number}: {key} = [")
+
+
+@settings(max_examples=300)
+@given(st.from_regex(get_args(Locator)[1].pattern))
+@example("unixsock-stream//tmp/zenoh.sock")
+@example("tcp/[::1]:7447?prio=1-3;rel=1#iface=eth0;bind=10.0.0.1:0")
+def test_every_locator_that_is_not_refused_is_one_to_zenoh(locator: str) -> None:
+    zenoh = msgspec.convert({"connect": [locator], "listen": [locator]}, Zenoh)
+    config = zenoh_config(mode=zenoh.mode, connect=zenoh.connect, listen=zenoh.listen)
+    assert config.get_json("connect/endpoints")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (
+            ["zenoh.mode=client"],
+            '--set zenoh.mode=client: zenoh.mode = "client": a client needs a router; name it in '
+            "zenoh.connect, or set zenoh.multicast_scouting",
+        ),
+        (
+            ["zenoh.config_file=z.json5", 'zenoh.listen=["tcp/a:1"]'],
+            """--set zenoh.listen=["tcp/a:1"]: zenoh.listen = ['tcp/a:1']: zenoh.config_file replaces it; """
+            "set only one of the two",
+        ),
+        (
+            ["zenoh.config_file=z.json5", "zenoh.mode=client"],
+            '--set zenoh.mode=client: zenoh.mode = "client": zenoh.config_file replaces it; '
+            "set only one of the two",
+        ),
+    ],
+)
+def test_zenoh_settings_that_contradict_each_other_are_refused(overrides: list[str], said: str) -> None:
+    assert refusal(*overrides) == said
+
+
+def test_zenoh_settings_that_belong_together_are_not_refused() -> None:
+    assert make_config("zenoh.config_file=z.json5", "zenoh.mode=peer").zenoh.config_file == "z.json5"
+    assert make_config("zenoh.mode=client", "zenoh.multicast_scouting=true").zenoh.mode == "client"
+    assert make_config("zenoh.mode=client", 'zenoh.connect=["tcp/a:1"]').zenoh.connect == ("tcp/a:1",)
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "said"),
+    [
+        ('"px4-uuv"', '"zeppelin"', r"vehicle\.profile = .zeppelin.: must be"),
+        ('"speed_min_m_s":-5.0', '"speed_min_m_s":0.0', r"limits\.speed_min_m_s = 0: the law"),
+    ],
+)
+def test_a_log_of_what_would_not_have_flown_is_refused(written: str, instead: str, said: str) -> None:
+    text = to_json(make_config())
+    assert text.count(written) == 1
+    with pytest.raises(ConfigError, match=f"the configuration in the log: {said}"):
+        from_json(text.replace(written, instead))

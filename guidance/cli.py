@@ -11,10 +11,23 @@ from rich.console import Console
 
 from guidance import __version__
 
+_ROOT_HELP = """Guidance of forward-driven vehicles on SE(3) over MAVLink.
+
+Examples:
+
+\b
+guidance demo                                       fly the built-in vehicle
+guidance demo --trajectory lemniscate --seconds 60
+guidance run --config vehicle.toml                  the service, for a real one
+guidance replay logs/FLIGHT.mcap                    its law again, to the bit
+"""
+
 app = typer.Typer(
-    help="Guidance of forward-driven vehicles on SE(3) over MAVLink.",
+    help=_ROOT_HELP,
     no_args_is_help=True,
+    add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -39,7 +52,7 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Guidance of forward-driven vehicles on SE(3) over MAVLink."""
+    pass
 
 
 @app.command()
@@ -47,14 +60,24 @@ def run(
     config: Annotated[Path, typer.Option("--config", "-c", metavar="FILE", help="The TOML configuration.")],
     overrides: Overrides = None,
 ) -> None:
-    """Run the service until SIGTERM or Ctrl-C; SIGUSR1 commands it to engage."""
+    """Run the service until SIGTERM or Ctrl-C; SIGUSR1 commands it to engage.
+
+    Exit status 0 after a shutdown, 1 after an internal error, 2 for a wrong configuration.
+
+    Examples:
+
+    \b
+    guidance run --config vehicle.toml
+    guidance run -c vehicle.toml --set link.connection=udpout://10.0.0.2:14580
+    """
     from guidance.config import ConfigError, load
     from guidance.service import serve
 
     try:
-        serve(load(config, overrides or ()))
-    except (ConfigError, ValueError) as error:
+        status = serve(load(config, overrides or ()))
+    except ConfigError as error:
         raise _refuse(error) from None
+    raise typer.Exit(status)
 
 
 @app.command()
@@ -70,10 +93,19 @@ def demo(
 ) -> None:
     """Fly the built-in vehicle along the paper's helix and say how well it tracked.
 
-    Exit status 0 only if it did: below 0.1 m for good.
+    Exit status 0 only if it did: below 0.1 m for good. 1 if not, 2 for a wrong setting, 130 after Ctrl-C.
+
+    Examples:
+
+    \b
+    guidance demo --seconds 60
+    guidance demo --set trajectory.radius_m=20 --set trajectory.speed_m_s=4
+    guidance demo --set vehicle.profile=ardupilot-rover --set flight.origin=engage
+    guidance demo --seconds 13 --json | tail -1
     """
     from guidance import demo as flight
     from guidance.config import ConfigError
+    from guidance.demo_view import failure_json, show
 
     named = [] if trajectory is None else [f"trajectory.name={trajectory}"]
     try:
@@ -83,12 +115,12 @@ def demo(
     except flight.DemoError as error:
         Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance demo: {error}", markup=False)
         if as_json:
-            typer.echo(json.dumps({"error": str(error)}))
+            typer.echo(json.dumps(failure_json(str(error))))
         raise typer.Exit(1) from None
-    flight.show(result)
+    show(result)
     if as_json:
         typer.echo(json.dumps(result.as_json()))
-    raise typer.Exit(0 if result.tracked else 1)
+    raise typer.Exit(result.exit_status)
 
 
 @app.command()
@@ -98,7 +130,12 @@ def replay(
 ) -> None:
     """Feed a log's inputs to the core again and compare everything that comes out, to the bit.
 
-    Exit status 0 only if all of it is identical and the flight did track.
+    Exit status 0 only if all of it is identical and the flight did track; 1 if not, 2 for no log of ours.
+
+    Example:
+
+    \b
+    guidance replay logs/FLIGHT.mcap --json
     """
     from guidance import replay as again
     from guidance.telemetry.log import NotALog

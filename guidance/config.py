@@ -1,8 +1,8 @@
 """The configuration: one TOML file, checked whole before anything moves.
 
-Every key has a unit in its name, a range and a description here; `deploy/*.toml` are commented examples that
-the tests hold against this file. What flies by luck has no default: gains, limits, time-outs and the map
-from speed to thrust must be written down. Errors name key, line, value and what is allowed.
+Every key has a unit in its name and a range here; `deploy/*.toml` are commented examples that the tests hold
+against this file. What flies by luck has no default: gains, limits, time-outs and the map from speed to
+thrust must be written down. Errors name key, place, value and what is allowed, and all of them at once.
 """
 
 from __future__ import annotations

@@ -27,6 +27,7 @@ from guidance.mavlink.profiles import (
     set_attitude_target,
     set_mode_command,
 )
+from guidance.mavlink.report import absence, link_record
 from guidance.mavlink.streams import Stream
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
@@ -78,6 +79,7 @@ class Guide:
         self._period_ns = round(1e9 / config.link.rate_hz)
         self._actuation_delay_ns = round(config.link.actuation_delay_s * 1e9)
         self._due_ns = 0
+        self._next_ns = 0
         self._sent_ns: int | None = None
         self._started_ns: int | None = None
         self._watch_ns = 0
@@ -203,12 +205,11 @@ class Guide:
         stream = self.link.streams.get(name)
         if stream is not None:
             stream.arrived(now_ns, valid=refused is None)
+        nearly_ns = self._next_ns - round((1.0 - NEARLY) * self._period_ns)
         if refused is not None:
             self.link.counters[f"{name}:{refused}"] += 1
-        elif not isinstance(body, LocalPositionNed):
-            since_ns = self._period_ns if self._sent_ns is None else now_ns - self._sent_ns
-            if since_ns >= NEARLY * self._period_ns:
-                self._due_ns = min(self._due_ns, now_ns)
+        elif not isinstance(body, LocalPositionNed) and now_ns >= nearly_ns:
+            self._due_ns = min(self._due_ns, now_ns)
 
     def _obey(self, command: Command, now_ns: int) -> None:
         self._watch_ns = now_ns
@@ -220,12 +221,10 @@ class Guide:
             self._allocate(command.removeprefix("allocate-"), now_ns)
             return
         refused = self.engagement.engage(now_ns)
-        self._event(
-            Level.NOTICE if refused is None else Level.WARNING,
-            "engage" if refused is None else "engage_refused",
-            refused or "engage commanded",
-            now_ns,
-        )
+        if refused is None:
+            self._event(Level.NOTICE, "engage", "engage commanded", now_ns)
+        else:
+            self._event(Level.WARNING, "engage_refused", refused, now_ns)
 
     def _allocate(self, name: str, now_ns: int) -> None:
         """An actuator failed, or works again: turn with these from the next setpoint on."""
@@ -250,10 +249,9 @@ class Guide:
 
     def _streams(self) -> bool:
         """Whether setpoints flow in this state."""
-        state = self.engagement.state
-        if state is State.READY:
+        if self.engagement.state is State.READY:
             return self.engagement.may_offer_stream(self._view(None, 0))
-        return SETPOINTS[state] is not Setpoints.NONE
+        return SETPOINTS[self.engagement.state] is not Setpoints.NONE
 
     def _supervise(self, now_ns: int) -> None:
         estimate = self._estimate(now_ns)
@@ -287,10 +285,9 @@ class Guide:
     def _view(self, blocked: str | None, now_ns: int) -> View:
         link = self.link
         connected = link.connected(now_ns)
-        why = "the autopilot rebooted" if link.heartbeat is None else "the autopilot's heartbeat stopped"
         return View(
             connected=connected,
-            lost_because=why,
+            absent_because="" if connected else absence(link),
             armed=link.armed,
             custom_mode=link.custom_mode,
             intended_mode=link.intended_mode,
@@ -306,6 +303,9 @@ class Guide:
         """Compute and send one setpoint for its own instant, or be silent and say why."""
         due_ns = self._due_ns
         self._due_ns = now_ns + round(FILL_IN * self._period_ns)
+        # A late one does not move those after it, so that jitter costs no rate; an early one does.
+        following_ns = max(self._next_ns + self._period_ns, now_ns + self._period_ns // 2)
+        self._next_ns = min(following_ns, now_ns + self._period_ns)
         instant_ns = now_ns + self._actuation_delay_ns
         estimate = self._estimate(now_ns)
         if isinstance(estimate, str):
@@ -323,11 +323,8 @@ class Guide:
             if not is_usable(solution):
                 self._silent("the law gave a number that is not finite", now_ns)
                 return
-        out = (
-            neutral(self.profile, self.config.vehicle.speed_at_full_thrust_m_s)
-            if solution is None
-            else solution.outgoing
-        )
+        full_m_s = self.config.vehicle.speed_at_full_thrust_m_s
+        out = neutral(self.profile, full_m_s) if solution is None else solution.outgoing
         boot_ms = (now_ns - (self._started_ns or 0)) // 1_000_000
         self.link.send(set_attitude_target(self.profile, out, self.link.system, self.link.component, boot_ms))
         self.setpoints_sent += 1
@@ -354,7 +351,7 @@ class Guide:
         if name == "status":
             return status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)
         if name == "link":
-            return self.link.record(now_ns)
+            return link_record(self.link, now_ns)
         return self.timing.record(now_ns, self.dropped_records)
 
     def _silent(self, reason: str, now_ns: int) -> None:

@@ -8,35 +8,39 @@ reference at the same instants afterwards.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import signal
 import socket
-import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from types import FrameType
+from typing import Final, NamedTuple
 
 import msgspec
 
-from guidance.config import Config, load
-from guidance.demo_view import View, plain
-from guidance.figures import StreamFigures, TrackingFigures, stream_figures, tracking_figures
+from guidance.child import Child
+from guidance.config import Config, ConfigError, from_json, load, parse_connection
+from guidance.demo_view import Result as Result  # what `fly` returns, so found here
+from guidance.demo_view import View
+from guidance.figures import Goals, StreamFigures, TrackingFigures, stream_figures, tracking_figures
 from guidance.mavlink.profiles import PROFILES, profile_of
-from guidance.records import Packet, Record, Status
+from guidance.records import Packet, Record, Session, Status
 from guidance.se3 import Vec3, add, norm, subtract
-from guidance.telemetry.log import LogDamaged, read_records
+from guidance.telemetry.log import LogDamaged, NotALog, read_records
 from guidance.telemetry.subscriber import Subscriber
-from guidance.trajectory import Trajectory, sample
+from guidance.trajectory import sample
 
 CONFIG_FILE: Final = Path(__file__).with_name("demo.toml")
 
-_ENGAGE_S: Final = 30.0
-_STOP_S: Final = 5.0
+#: Until the service is heard of over zenoh.
+_START_S: Final = 15.0
+#: A state before engaging that lasts longer than this will not pass; the steps of engaging have a time-out.
+_NO_PROGRESS_S: Final = 3.0
+_STEPS: Final = frozenset({"streaming", "switching", "arming"})
 _LOOK_S: Final = 0.1
 _ENDED: Final = frozenset({"handed-over", "aborted", "finished", "withheld"})
+_SET_ATTITUDE_TARGET: Final = (82).to_bytes(3, "little")
 
 
 class DemoError(Exception):
@@ -50,112 +54,105 @@ class Truth(NamedTuple):
     position_ned_m: Vec3
 
 
-class Result(NamedTuple):
-    """How well it tracked, and where the log is."""
-
-    tracking: TrackingFigures
-    stream: StreamFigures
-    tracked_s: float
-    log: str
-    interrupted: bool
-
-    @property
-    def tracked(self) -> bool:
-        """Below 0.1 m for good, and not cut short."""
-        return self.tracking.converged_s is not None and not self.interrupted
-
-    def as_json(self) -> dict[str, Any]:
-        """The line for machines."""
-        return {
-            "tracked": self.tracked,
-            "converged_s": self.tracking.converged_s,
-            "rms_error_m": self.tracking.rms_error_m,
-            "max_error_m": self.tracking.max_error_m,
-            "setpoint_rate_hz": self.stream.rate_hz,
-            "max_setpoint_gap_s": self.stream.max_gap_s,
-            "tracked_s": self.tracked_s,
-            "log": self.log,
-        }
+class _Plan(NamedTuple):
+    settings: list[str]
+    config: Config
+    watch_at: str
 
 
 def fly(seconds: float, overrides: Sequence[str]) -> Result:
-    """Fly for `seconds` of tracking and judge it; raises ConfigError, DemoError."""
-    udp_port, zenoh_port = _free_port(socket.SOCK_DGRAM), _free_port(socket.SOCK_STREAM)
-    settings = [
-        f'link.connection="udpin://127.0.0.1:{udp_port}"',
-        f'zenoh.listen=["tcp/127.0.0.1:{zenoh_port}"]',
-        *overrides,
-    ]
-    config = load(CONFIG_FILE, settings)
-    profile_of(config)
-    if not (config.log.enabled and config.zenoh.enabled):
-        raise DemoError("the demo watches over zenoh and is judged by its log: leave both enabled")
-    directory = Path(config.log.directory)
+    """Fly for `seconds` of tracking (or until SIGINT, SIGTERM, SIGHUP) and judge it.
+
+    Raises:
+        ConfigError: the overrides do not make a configuration, or none that the demo can watch.
+        DemoError: it did not come to a flight, or that ended early.
+    """
+    plan = _plan(overrides)
+    directory = Path(plan.config.log.directory)
     before = set(directory.glob("*.mcap"))
     truth: list[Truth] = []
-    with contextlib.ExitStack() as stack:
-        view = stack.enter_context(View(seconds))
-        vehicle = stack.enter_context(_Child(_vehicle_command(config, udp_port), "vehicle", view.line))
-        threading.Thread(target=_collect_truth, args=(vehicle, truth), daemon=True).start()
-        service = stack.enter_context(_Child(_service_command(settings), "service", view.line))
-        watch = stack.enter_context(Subscriber(config.vehicle.name, f"tcp/127.0.0.1:{zenoh_port}"))
-        interrupted = False
-        try:
-            _watch(seconds, vehicle, service, watch.latest, view)
-        except KeyboardInterrupt:
-            interrupted = True
-        service.stop(_STOP_S)
-    made = sorted(set(directory.glob("*.mcap")) - before)
-    if not made:
+    with _noted_signals() as noted, View(seconds) as view:
+        view.head(plan.config, plan.watch_at)
+        with (
+            Child(_vehicle_command(plan.config), "vehicle", view.line) as vehicle,
+            Child(_service_command(plan.settings), "service", view.line) as service,
+        ):
+            vehicle.listen(lambda line: _take_truth(line, truth))
+            service.listen(None)
+            with Subscriber(plan.config.vehicle.name, plan.watch_at) as watch:
+                step_s = plan.config.supervisor.step_timeout_s + 1.0  # the service's own word comes first
+                try:
+                    _watch(seconds, step_s, (vehicle, service), watch.latest, view, noted)
+                except DemoError as error:
+                    service.stop()
+                    log = _log_of(plan.config, set(directory.glob("*.mcap")) - before)
+                    raise DemoError(f"{error}{'' if log is None else f'; log: {log}'}") from None
+            service.stop()
+            if service.process.returncode != 0:
+                raise DemoError(service.obituary())
+    log = _log_of(plan.config, set(directory.glob("*.mcap")) - before)
+    if log is None:
         raise DemoError(f"the service left no log in {directory.resolve()}")
-    return _judge(made[-1], config.trajectory, _time_constant_s(config), truth, _planar(config), interrupted)
+    return _judge(log, plan.config, truth, seconds, noted[0] if noted else 0)
 
 
-def show(result: Result) -> None:
-    """Print the summary for people."""
-    t, s = result.tracking, result.stream
-    rows = [
-        ("converged (below 0.1 m for good)", plain(t.converged_s, "s", 2)),
-        ("RMS error after settling", plain(t.rms_error_m, "mm", 3, 1e3)),
-        ("largest error after settling", plain(t.max_error_m, "mm", 3, 1e3)),
-        ("setpoints", plain(s.rate_hz, "Hz", 1)),
-        ("longest gap between setpoints", plain(s.max_gap_s, "ms", 1, 1e3)),
-        ("log", result.log),
-    ]
-    View.summary("tracked" if result.tracked else "did NOT track", result.tracked, rows)
+def _plan(overrides: Sequence[str]) -> _Plan:
+    settings = [f'link.connection="udpin://127.0.0.1:{_free_port(socket.SOCK_DGRAM)}"', *overrides]
+    config = load(CONFIG_FILE, settings)
+    profile_of(config)
+    zenoh = config.zenoh
+    if not (config.log.enabled and zenoh.enabled):
+        raise ConfigError(
+            "log.enabled, zenoh.enabled: must be true here: the demo watches over zenoh, judges by the log"
+        )
+    if zenoh.config_file:
+        raise ConfigError(
+            "zenoh.config_file: the demo watches at zenoh.listen or zenoh.connect; set one of them"
+        )
+    if parse_connection(config.link.connection).port == 0:
+        raise ConfigError("link.connection: the demo needs a port of 1 to 65535")
+    if not zenoh.listen and zenoh.mode == "peer":
+        settings.append(f'zenoh.listen=["tcp/127.0.0.1:{_free_port(socket.SOCK_STREAM)}"]')
+        config = load(CONFIG_FILE, settings)
+    endpoints = (*config.zenoh.listen, *config.zenoh.connect)
+    if not endpoints:
+        raise ConfigError("zenoh.connect: is empty, and zenoh.mode is client: name a router")
+    return _Plan(settings, config, endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:"))
 
 
 def _watch(
-    seconds: float, vehicle: _Child, service: _Child, latest: Callable[[str], Record | None], view: View
+    seconds: float,
+    step_s: float,
+    children: Sequence[Child],
+    latest: Callable[[str], Record | None],
+    view: View,
+    noted: Sequence[int],
 ) -> None:
-    """Until it has tracked for `seconds`; raises DemoError if it does not come to that."""
-    deadline = time.monotonic() + _ENGAGE_S
-    while True:
-        for child in (vehicle, service):
+    """Until it has tracked for `seconds` or a signal came; raises DemoError if it does not come to that."""
+    state, since = "", time.monotonic()
+    while not noted:
+        for child in children:
             if child.ended:
-                raise DemoError(f"the {child.name} ended by itself: {child.last_line}")
+                raise DemoError(child.obituary())
         status = latest("status")
-        if isinstance(status, Status) and status.trajectory_start_ns is not None:
-            elapsed_s = (time.monotonic_ns() - status.trajectory_start_ns) * 1e-9
-            if elapsed_s >= seconds:
+        now = time.monotonic()
+        if not isinstance(status, Status):
+            if now - since > _START_S:
+                raise DemoError(f"no telemetry over zenoh after {_START_S:.0f} s")
+        elif status.trajectory_start_ns is not None:
+            if (time.monotonic_ns() - status.trajectory_start_ns) * 1e-9 >= seconds:
                 return
-        elif isinstance(status, Status) and status.state in _ENDED:
-            raise DemoError(f"{status.state}: {status.reason}")
-        elif time.monotonic() > deadline:
-            why = status.reason if isinstance(status, Status) else "no telemetry over zenoh"
-            raise DemoError(f"not tracking after {_ENGAGE_S:.0f} s: {why}")
+        elif status.state in _ENDED:
+            raise DemoError(f"not tracking: {status.state}: {status.reason}")
+        elif status.state != state:
+            state, since = status.state, now
+        elif now - since > (step_s if state in _STEPS else _NO_PROGRESS_S):
+            raise DemoError(f"not tracking, {state} for {now - since:.0f} s: {status.reason}")
         view.update(latest)
         time.sleep(_LOOK_S)
 
 
-def _judge(
-    log: Path,
-    trajectory: Trajectory,
-    time_constant_s: float,
-    truth: Sequence[Truth],
-    planar: bool,
-    interrupted: bool,
-) -> Result:
+def _judge(log: Path, config: Config, truth: Sequence[Truth], asked_s: float, number: int) -> Result:
     """Compare truth and reference at the same instants; the log says when tracking began and ended."""
     start_ns: int | None = None
     origin = Vec3(0.0, 0.0, 0.0)
@@ -169,43 +166,70 @@ def _judge(
                 end_ns = record.since_ns if record.state == "leaving" else record.t_ns
             elif isinstance(record, Packet) and record.data[7:10] == _SET_ATTITUDE_TARGET:
                 sent_ns.append(record.t_ns)
-    except LogDamaged as damage:
+    except (LogDamaged, NotALog) as damage:
         raise DemoError(str(damage)) from None
-    if start_ns is None:
-        return Result(
-            TrackingFigures(None, None, None), StreamFigures(None, None), 0.0, str(log), interrupted
-        )
+    tracking, stream = TrackingFigures(None, None, None), StreamFigures(None, None)
     errors: list[tuple[float, float]] = []
-    for t_ns, position in truth:
-        if start_ns <= t_ns <= end_ns:
-            time_s = (t_ns - start_ns) * 1e-9
-            e = subtract(position, add(origin, sample(trajectory, time_s).position))
-            errors.append((time_s, norm(Vec3(e.x, e.y, 0.0) if planar else e)))
+    time_constant_s = config.law.beta / config.law.k
+    if start_ns is not None:
+        planar = PROFILES[config.vehicle.profile].planar
+        for t_ns, position in truth:
+            if start_ns <= t_ns <= end_ns:
+                time_s = (t_ns - start_ns) * 1e-9
+                e = subtract(position, add(origin, sample(config.trajectory, time_s).position))
+                errors.append((time_s, norm(Vec3(e.x, e.y, 0.0) if planar else e)))
+        if not truth or end_ns - truth[-1].t_ns > 500_000_000:
+            raise DemoError(f"the vehicle's truth did not come to the end of the flight; log: {log}")
+        tracking = tracking_figures(errors, time_constant_s)
+        stream = stream_figures([t_ns for t_ns in sent_ns if start_ns <= t_ns <= end_ns])
     return Result(
-        tracking_figures(errors, time_constant_s),
-        stream_figures([t_ns for t_ns in sent_ns if start_ns <= t_ns <= end_ns]),
-        (end_ns - start_ns) * 1e-9,
-        str(log),
-        interrupted,
+        tracking=tracking,
+        stream=stream,
+        goals=goals(config),
+        asked_s=asked_s,
+        tracked_s=0.0 if start_ns is None else (end_ns - start_ns) * 1e-9,
+        last_error_m=errors[-1][1] if errors else None,
+        time_constant_s=time_constant_s,
+        log=str(log),
+        interrupted_by=number,
     )
 
 
-_SET_ATTITUDE_TARGET: Final = (82).to_bytes(3, "little")
+def goals(config: Config) -> Goals:
+    """What is asked of this flight: more is known of the paper's own than of any other."""
+    paper = load(CONFIG_FILE)
+    same = config.law == paper.law and config.limits == paper.limits and config.vehicle == paper.vehicle
+    bounded = same and config.trajectory == paper.trajectory
+    fast = load(CONFIG_FILE, ("trajectory.radius_m=20", "trajectory.speed_m_s=4")).trajectory
+    return Goals(
+        converged_s=12.0 if bounded else None,
+        rms_error_m=0.003 if bounded else 0.02 if same and config.trajectory == fast else None,
+        max_error_m=0.01 if bounded else None,
+        rate_hz=config.link.rate_hz,
+        max_gap_s=2.5 / config.link.rate_hz,
+    )
 
 
-def _time_constant_s(config: Config) -> float:
-    return config.law.beta / config.law.k
+def _log_of(config: Config, made: set[Path]) -> Path | None:
+    """The one of the new logs that this flight's service wrote: no other listens on its port."""
+    for path in sorted(made):
+        with contextlib.suppress(LogDamaged, NotALog, ConfigError):
+            session = next(iter(read_records(path, "session")), None)
+            if isinstance(session, Session) and from_json(session.config_json).link == config.link:
+                return path
+    return None
 
 
-def _planar(config: Config) -> bool:
-    return PROFILES[config.vehicle.profile].planar
-
-
-def _vehicle_command(config: Config, port: int) -> list[str]:
+def _vehicle_command(config: Config) -> list[str]:
+    connection = parse_connection(config.link.connection)
     full = config.vehicle.speed_at_full_thrust_m_s
     command = [sys.executable, "-m", "sitl", "vehicle", "--firmware", config.vehicle.profile]
-    command += ["--to", f"127.0.0.1:{port}", "--port", "0", "--truth", "-", "--exit-with-stdin"]
-    command += ["--system-id", str(config.vehicle.system_id)]
+    if connection.scheme == "udpin":
+        host = "127.0.0.1" if connection.host == "0.0.0.0" else connection.host  # noqa: S104 - not bound here
+        command += ["--to", f"{host}:{connection.port}", "--port", "0"]
+    else:
+        command += ["--host", connection.host, "--port", str(connection.port)]
+    command += ["--truth", "-", "--exit-with-stdin", "--system-id", str(config.vehicle.system_id)]
     if config.vehicle.profile == "ardupilot-rover":
         return [*command, "--set", f"WP_SPEED={full}"]
     return [*command, "--full-thrust-speed", str(full)]
@@ -213,76 +237,31 @@ def _vehicle_command(config: Config, port: int) -> list[str]:
 
 def _service_command(settings: Sequence[str]) -> list[str]:
     command = [sys.executable, "-m", "guidance", "run", "--config", str(CONFIG_FILE)]
-    for setting in settings:
-        command += ["--set", setting]
-    return command
+    return command + [part for setting in settings for part in ("--set", setting)]
 
 
-class _Child:
-    """A process of its own session: Ctrl-C reaches only the demo, which ends its children in order."""
-
-    def __init__(self, command: Sequence[str], name: str, line: Callable[[str, str], None]) -> None:
-        self.name = name
-        self.last_line = "it said nothing"
-        self._line = line
-        self.process = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            preexec_fn=_end_with_parent if sys.platform == "linux" else None,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def __enter__(self) -> _Child:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop(_STOP_S)
-        for pipe in (self.process.stdin, self.process.stdout):
-            if pipe is not None:
-                pipe.close()
-
-    @property
-    def ended(self) -> bool:
-        """Whether the process is gone."""
-        return self.process.poll() is not None
-
-    def stop(self, timeout_s: float) -> None:
-        """SIGTERM, and SIGKILL if that is not enough."""
-        if not self.ended:
-            self.process.terminate()
-            try:
-                self.process.wait(timeout_s)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-        self._reader.join(1.0)
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        with self.process.stderr as pipe:
-            for line in pipe:
-                self.last_line = line.rstrip()
-                self._line(self.name, self.last_line)
+def _take_truth(line: str, truth: list[Truth]) -> None:
+    with contextlib.suppress(msgspec.DecodeError, KeyError):  # the last line may be cut
+        row = msgspec.json.decode(line)
+        truth.append(Truth(row["t_ns"], Vec3(*row["position_ned_m"])))
 
 
-def _end_with_parent() -> None:
-    """Linux: a demo that is killed leaves no process behind (PR_SET_PDEATHSIG)."""
-    ctypes.CDLL(None).prctl(1, signal.SIGTERM)
+@contextlib.contextmanager
+def _noted_signals() -> Iterator[list[int]]:
+    """Signals that would end this process are noted instead, so that it can end its children first."""
+    noted: list[int] = []
 
+    def note(number: int, _: FrameType | None) -> None:
+        noted.append(number)
 
-def _collect_truth(vehicle: _Child, truth: list[Truth]) -> None:
-    assert vehicle.process.stdout is not None
-    decode = msgspec.json.Decoder().decode
-    with contextlib.suppress(ValueError):  # the pipe is closed under us at the end
-        for line in vehicle.process.stdout:
-            with contextlib.suppress(msgspec.DecodeError):  # the last line may be cut
-                row = decode(line)
-                truth.append(Truth(row["t_ns"], Vec3(*row["position_ned_m"])))
+    before = {
+        number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    try:
+        yield noted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _free_port(kind: socket.SocketKind) -> int:

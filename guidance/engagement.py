@@ -15,9 +15,9 @@ from guidance.supervisor import Event, State, transition
 
 #: Setpoints to send before the mode is asked for.
 ESTABLISHED_AFTER: Final = 10
-#: How long the exit mode is commanded on shutdown.
+#: How long the exit mode is commanded on shutdown; it ends with the first look after that.
 LEAVE_S: Final = 1.0
-#: After a refusal on the ground it is tried again.
+#: On the ground, a refusal is tried again after this time, and a hand-over becomes a new start.
 RETRY_S: Final = 5.0
 #: Silence while tracking: more than this hands over, or half the firmware's own time-out if that is less.
 INTERRUPTED_S: Final = 0.75
@@ -33,7 +33,7 @@ class View(NamedTuple):
     """
 
     connected: bool
-    lost_because: str
+    absent_because: str
     armed: bool | None
     custom_mode: int | None
     intended_mode: int | None
@@ -144,7 +144,7 @@ class Engagement:
         if state is State.FINISHED:
             return None
         if state is not State.DISCONNECTED and not view.connected:
-            return Event.LOST, view.lost_because
+            return Event.LOST, view.absent_because
         if self._shutdown and state not in (State.LEAVING, State.BACKING_OUT):
             return Event.SHUTDOWN, "the service was told to stop"
         match state:
@@ -167,6 +167,7 @@ class Engagement:
 
     def _when_disconnected(self, view: View) -> tuple[Event, str] | None:
         if not view.connected or view.armed is None or view.custom_mode is None:
+            self.reason = view.absent_because
             return None
         if view.armed and self._may_obey(view):
             return Event.FOUND_IN_CONTROL, self._withheld_reason(view)
@@ -264,11 +265,11 @@ class Engagement:
         # Where the mode needs a stream, an edge that comes without one of ours belongs to somebody else.
         if self._switched(view) and not self.profile.needs_stream:
             return Event.PILOT_SWITCHED, f"the pilot switched to {self.profile.control_mode.name}"
+        waited = (now_ns - self.since_ns) * 1e-9 > RETRY_S
         if self.state is State.HANDED_OVER:
-            if not view.armed and not self._may_obey(view):
+            if waited and not view.armed and not self._may_obey(view):
                 return Event.RELEASED, "the vehicle is disarmed and in another mode"
             return None
-        waited = (now_ns - self.since_ns) * 1e-9 > RETRY_S
         if waited and not view.armed and (self._may_auto() or not self._may_obey(view)):
             return Event.RETRY, "trying again"
         return None
@@ -294,8 +295,12 @@ class Engagement:
         return view.intended_mode is None or view.intended_mode == self._control
 
     def may_offer_stream(self, view: View) -> bool:
-        """Whether neutral setpoints may flow in READY: the mode needs them and they cannot take control."""
-        return self.profile.needs_stream and not self._may_obey(view)
+        """Whether neutral setpoints may flow in READY: the mode needs them and they cannot take control.
+
+        Where `auto` was handed over, nothing at all flows until it is commanded.
+        """
+        silenced = self._config.engage == "auto" and self._auto is _Auto.HANDED_OVER
+        return self.profile.needs_stream and not silenced and not self._may_obey(view)
 
     def _withheld_reason(self, view: View) -> str:
         mode = self.profile.control_mode.name

@@ -13,6 +13,8 @@ CONVERGED_M: Final = 0.1
 FOR_GOOD_S: Final = 1.0
 #: RMS and maximum start so many time constants 1/(lambda k) after convergence.
 SETTLED_TIME_CONSTANTS: Final = 5.0
+#: A stream has its rate if it has this part of it.
+RATE_REACHED: Final = 0.98
 
 
 class TrackingFigures(NamedTuple):
@@ -30,10 +32,39 @@ class StreamFigures(NamedTuple):
     max_gap_s: float | None
 
 
+class Goals(NamedTuple):
+    """What a flight should reach, in s, m and Hz; None where nothing is asked."""
+
+    converged_s: float | None = None
+    rms_error_m: float | None = None
+    max_error_m: float | None = None
+    rate_hz: float | None = None
+    max_gap_s: float | None = None
+
+
+def missed(tracking: TrackingFigures, stream: StreamFigures, goals: Goals) -> list[str]:
+    """The goals that were measured and not reached, in words; a figure that is None was not measured."""
+    limits = (
+        ("convergence", tracking.converged_s, goals.converged_s),
+        ("RMS error", tracking.rms_error_m, goals.rms_error_m),
+        ("largest error", tracking.max_error_m, goals.max_error_m),
+        ("longest gap", stream.max_gap_s, goals.max_gap_s),
+    )
+    found = [name for name, value, goal in limits if value is not None and goal is not None and value > goal]
+    wanted_hz = 0.0 if goals.rate_hz is None else goals.rate_hz
+    if stream.rate_hz is not None and stream.rate_hz < RATE_REACHED * wanted_hz:
+        found.append("rate")
+    return found
+
+
 def tracking_figures(
     errors: Sequence[tuple[float, float]], time_constant_s: float, converged_m: float = CONVERGED_M
 ) -> TrackingFigures:
-    """Figures of (time since the trajectory's start in s, |error| in m), in order of time."""
+    """Figures of (time since the trajectory's start in s, |error| in m), in order of time.
+
+    Converged is the instant from which on the error was below `converged_m` until the end, which must have
+    been `FOR_GOOD_S` at least; an error that is not a number counts as outside.
+    """
     outside = max((i for i, (_, error) in enumerate(errors) if not error < converged_m), default=-1)
     inside = errors[outside + 1 :]
     if not inside or inside[-1][0] - inside[0][0] < FOR_GOOD_S:

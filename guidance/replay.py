@@ -15,7 +15,7 @@ import msgspec
 
 from guidance import config
 from guidance.core import Guide
-from guidance.records import TOPICS, Input, Lost, Session, Timing
+from guidance.records import SCHEMA_VERSION, TOPICS, Input, Lost, Session, Timing
 from guidance.telemetry.log import LogDamaged, read_log
 
 #: Written by the shell or the recorder, or counting what these did; the core decides nothing by them.
@@ -77,7 +77,10 @@ def replay(path: Path) -> Replay:
             if pending:
                 difference = _missing(pending[0], (last_ns - first_ns) * 1e-9, logged=False)
                 break
-            event = decode_input(payload)
+            try:
+                event = decode_input(payload)
+            except msgspec.MsgspecError as error:
+                raise ReplayError(f"{path}: input {inputs} cannot be read: {error}") from None
             if event.seq != inputs:
                 stopped = f"input {inputs} is missing from the log, {event.seq} follows"
                 break
@@ -121,9 +124,14 @@ def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Con
         if topic == TOPICS[Session]:
             try:
                 session = msgspec.json.decode(payload, type=Session)
+                if session.schema_version != SCHEMA_VERSION:
+                    raise ReplayError(
+                        f"{path}: its records have schema version {session.schema_version}, not "
+                        f"{SCHEMA_VERSION}: use guidance {session.guidance_version}, which wrote it"
+                    )
                 return config.from_json(session.config_json)
             except (msgspec.MsgspecError, config.ConfigError) as error:
-                raise ReplayError(f"{path}: its session record is of another version: {error}") from None
+                raise ReplayError(f"{path}: its session record cannot be used: {error}") from None
         break
     raise ReplayError(f"{path}: does not begin with a session record; is it a log of this service?")
 

@@ -99,7 +99,7 @@ CAUSES: Final[dict[Event, str]] = {
     Event.FOUND: "heartbeats come; arming and mode are known",
     Event.FOUND_IN_CONTROL: "the same, but armed, and the control mode is on, intended (PX4) or not excluded",
     Event.LOST: "the heartbeat stopped, or the autopilot rebooted",
-    Event.RELEASED: "disarmed, or taken out of the control mode (after a hand-over: both)",
+    Event.RELEASED: "disarmed, or taken out of the control mode (after a hand-over: both, and 5 s later)",
     Event.CONDITIONS_MET: "right vehicle, clock, state streams, origin and distance to the start",
     Event.CONDITIONS_LOST: "one of them is not met any more",
     Event.ENGAGE: 'the operator commands, or `engage = "auto"` and nobody took control from it before',

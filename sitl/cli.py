@@ -1,4 +1,4 @@
-"""The command line `sitl`: the built-in vehicle as a process, and the benchmark."""
+"""The command line `sitl`: the built-in vehicle as a process, the paper's figures, and the benchmark."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import json
 import math
 import sys
 import time
+from pathlib import Path
 from typing import Annotated, cast
 
 import typer
 
+from sitl import paper as section_4
 from sitl.plant import PlantParameters
 from sitl.shell import ShellOptions, run
 from sitl.vehicle import Firmware, Origin, VehicleOptions
@@ -129,6 +131,44 @@ def bench(
                 f"{figure.name:<34} {figure.value:10.3f} {figure.unit:<12} {figure.goal:<16} {verdict}"
             )
     raise typer.Exit(0 if all(figure.met for figure in figures) else 1)
+
+
+@app.command()
+def paper(
+    figure: Annotated[
+        int | None, typer.Option(metavar="N", help="1, 2, 3 or 4; without it, all of them.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where figure-N.png and .svg go; default ., with --json nowhere."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="The numbers on stdout: an object, or a list of four.")
+    ] = False,
+    step: Annotated[float, typer.Option(help="Longest step of the integration, s.")] = section_4.STEP_S,
+    sample: Annotated[float, typer.Option(help="Time between the points given, s.")] = section_4.SAMPLE_S,
+) -> None:
+    """Reproduce figures 1 to 4 of the paper: the law in continuous time, as plots and as numbers."""
+    numbers = list(section_4.FIGURES) if figure is None else [figure]
+    try:
+        for number in numbers:
+            section_4.check(number, step, sample)
+        reports = [section_4.report(number, step, sample) for number in numbers]
+        if output is not None or not as_json:
+            # Not needed for the numbers, and slow to import.
+            from sitl.paper_plots import write
+
+            for report in reports:
+                for path in write(report, Path() if output is None else output):
+                    typer.echo(path, err=as_json)
+    except ModuleNotFoundError as error:
+        sys.stderr.write(f"sitl paper: plots need {error.name}, of the extra se3-guidance[sitl]\n")
+        raise typer.Exit(2) from None
+    except (ValueError, OSError) as error:
+        sys.stderr.write(f"sitl paper: {error}\n")
+        raise typer.Exit(2) from None
+    if as_json:
+        typer.echo(json.dumps(reports if figure is None else reports[0]))
 
 
 def main() -> None:

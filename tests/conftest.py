@@ -1,6 +1,12 @@
 """One profile for every property test: the same examples each run, and no verdict by the clock."""
 
-from hypothesis import settings
+import os
+
+# Small matrices gain nothing by threads, and threads that spin starve the processes under test.
+for library in ("OPENBLAS", "MKL", "OMP"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+from hypothesis import settings  # noqa: E402 - the environment must stand before numpy is imported
 
 settings.register_profile("deterministic", derandomize=True, deadline=None)
 settings.load_profile("deterministic")

@@ -174,6 +174,15 @@ def test_wrong_answers_that_disagree_are_never_believed() -> None:
     assert talk.filter.restarts == 0
 
 
+def test_wrong_answers_that_agree_do_not_outvote_right_ones_among_them() -> None:
+    talk = Talk(constant(), even(0.003))
+    talk.run(50)
+    for n in range(40):
+        assert talk.ask(wrong_s=3.0) is False
+        assert talk.ask() is True, n
+    assert talk.filter.restarts == 0
+
+
 def test_only_wrong_answers_leave_it_to_grow_stale() -> None:
     talk = Talk(constant(), even(0.003))
     talk.run(50)

@@ -320,7 +320,7 @@ def some_config() -> st.SearchStrategy[Config]:
     )
 
 
-@settings(derandomize=True, max_examples=50, deadline=None, database=None)
+@settings(max_examples=50)
 @given(some_config())
 def test_json_gives_the_very_same_configuration_back(config: Config) -> None:
     assert from_json(to_json(config)) == config

@@ -26,7 +26,7 @@ def outcome(text: str, *overrides: str) -> None:
     assert refused.encode()
 
 
-fuzzing = settings(derandomize=True, max_examples=150, deadline=None, database=None)
+fuzzing = settings(max_examples=150)
 KEYS = [
     "vehicle", "link", "supervisor", "law", "limits", "flight", "trajectory", "zenoh", "log", "name",
     "profile", "k", "beta", "rate_hz", "engage", "arm", "origin", "connection", "connect", "radius_m", "",

@@ -41,6 +41,7 @@ INSTALL_AND_TEST = (
 BY_HAND = [c for c in COMMANDS if c.startswith(".venv/bin/sitl vehicle") or "run --config" in c]
 DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]
 REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
+PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
 OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", ".ci/run"]
 
 
@@ -50,7 +51,7 @@ def words(command: str) -> list[str]:
 
 
 def test_every_command_is_run_by_a_test_here() -> None:
-    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *OTHERS])
+    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *PAPER, *OTHERS])
     assert len(DEMOS) >= 3
     assert len(BY_HAND) >= 3
     assert REPLAYS
@@ -95,6 +96,13 @@ def test_replay_of_a_log_is_identical(command: str, tmp_path: Path) -> None:
     outcome = CliRunner().invoke(guidance_cli.app, [*verb, str(book.path)])
     assert outcome.exit_code == 0, outcome.output
     assert "identical" in outcome.output
+
+
+@pytest.mark.parametrize("command", PAPER)
+def test_the_papers_figures_are_made(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = CliRunner().invoke(sitl_cli.app, [*words(command), "--step", "0.1", "--sample", "0.5"])
+    assert outcome.exit_code == 0, outcome.output
 
 
 def test_bench_prints_every_figure_with_its_goal(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 from guidance.records import Input, Lost, Record, Session, Setpoint
 from guidance.replay import ReplayError, replay
 from guidance.telemetry import Sample
-from guidance.telemetry.log import NotALog, read_records
+from guidance.telemetry.log import NotALog, read_log, read_records
 from guidance.telemetry.recorder import Recorder
 from sitl.logbook import LogBook
 from tests.helpers import make_config, make_flight
@@ -136,3 +136,29 @@ def test_a_log_that_does_not_begin_with_a_session_is_refused(flown: list[Record]
     assert recorder.close(10.0)
     with pytest.raises(ReplayError, match="session"):
         replay(recorder.path)
+
+
+def rewritten(source: Path, directory: Path, change: Callable[[str, bytes], bytes]) -> Path:
+    """A log with the same messages, each payload changed."""
+    recorder = Recorder(directory, vehicle="demo", session_id="0" * 32, unix_offset_ns=0)
+    for topic, payload in read_log(source):
+        recorder.offer(Sample(topic, 0, change(topic, payload)))
+    recorder.start()
+    assert recorder.close(10.0)
+    return recorder.path
+
+
+def test_a_log_of_another_schema_is_refused_with_the_version_that_wrote_it(log: Path, tmp_path: Path) -> None:
+    old = b'"schema_version":1'
+    assert any(old in payload for topic, payload in read_log(log) if topic == "session")
+    path = rewritten(log, tmp_path, lambda _, payload: payload.replace(old, b'"schema_version":99'))
+    with pytest.raises(ReplayError, match="schema version 99, not 1: use guidance"):
+        replay(path)
+
+
+def test_an_input_that_cannot_be_read_is_refused(log: Path, tmp_path: Path) -> None:
+    def spoil(topic: str, payload: bytes) -> bytes:
+        return payload.replace(b'"tick"', b'"tock"') if topic == "input" else payload
+
+    with pytest.raises(ReplayError, match="input 24 cannot be read: Invalid enum value 'tock'"):
+        replay(rewritten(log, tmp_path, spoil))

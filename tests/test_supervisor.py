@@ -1,4 +1,4 @@
-"""The supervisor's table: every state with every event, what may be reached from where, its copy for people."""
+"""The supervisor's table: every state with every event, what may be reached, and its copy for people."""
 
 from __future__ import annotations
 

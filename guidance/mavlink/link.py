@@ -13,7 +13,6 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance import records
 from guidance.mavlink.clock import ClockFilter
 from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
 from guidance.mavlink.messages import (
@@ -49,6 +48,8 @@ _REBOOT_AFTER: Final = 3
 _REBOOT_AFTER_NS: Final = 200_000_000
 #: A clock that TIMESYNC finds set back by more than this belongs to an autopilot that rebooted.
 _REBOOT_STEP_S: Final = 1.0
+#: Of so many other senders the heartbeats are told apart; the rest are only counted.
+_OTHERS_MAX: Final = 16
 #: A time may lie this far in the future, for what the clock filter does not know.
 FUTURE_NS: Final = 50_000_000
 
@@ -82,7 +83,9 @@ class AutopilotLink:
         self.streams = Streams(streams)
         self.reader = FrameReader(stream=byte_stream)
         self.counters: Counter[str] = Counter()
+        self.bytes_received = 0
         self.received = 0
+        self.others: Counter[tuple[int, int]] = Counter()  # whose heartbeats are heard beside
         self.reboots = 0
         self.heartbeat: Heartbeat | None = None
         self.custom_mode: int | None = None  # from the newest of HEARTBEAT and CURRENT_MODE
@@ -93,8 +96,8 @@ class AutopilotLink:
         self._writer = PacketWriter(system, COMPONENT_ID)
         self._outbox: list[bytes] = []
         self._heartbeat_timeout_ns = round(heartbeat_timeout_s * 1e9)
-        self._heartbeat_ns = 0
-        self._sequence = SequenceWatch()
+        self.heartbeat_ns = 0
+        self.sequence = SequenceWatch()
         self._mode_number = -1
         self._newest_boot_ms: int | None = None
         self._back_run = 0
@@ -109,7 +112,7 @@ class AutopilotLink:
 
     def connected(self, now_ns: int) -> bool:
         """Whether the autopilot's heartbeat is younger than its time-out."""
-        return self.heartbeat is not None and now_ns - self._heartbeat_ns <= self._heartbeat_timeout_ns
+        return self.heartbeat is not None and now_ns - self.heartbeat_ns <= self._heartbeat_timeout_ns
 
     @property
     def armed(self) -> bool | None:
@@ -126,10 +129,11 @@ class AutopilotLink:
     def receive(self, data: bytes, now_ns: int) -> list[Received]:
         """The autopilot's messages in `data` that may be believed, in order."""
         accepted: list[Received] = []
+        self.bytes_received += len(data)
         for frame in self.reader.feed(data):
             if not self._is_autopilot(frame):
                 continue
-            place = self._sequence.place(frame.sequence, now_ns)
+            place = self.sequence.place(frame.sequence, now_ns)
             if place.order is not Order.NEW:
                 self.counters[place.order.value] += 1
                 if place.order is Order.DUPLICATE:
@@ -144,12 +148,13 @@ class AutopilotLink:
         return accepted
 
     def _is_autopilot(self, frame: Frame) -> bool:
-        if frame.system != self.system:
-            self.counters["other_system"] += 1
-        elif frame.component != self.component:
-            self.counters["other_component"] += 1
-        else:
+        if frame.system == self.system and frame.component == self.component:
             return True
+        self.counters["other_system" if frame.system != self.system else "other_component"] += 1
+        sender = (frame.system, frame.component)
+        known = sender in self.others or len(self.others) < _OTHERS_MAX
+        if frame.message_id == _HEARTBEAT and frame.known and known:
+            self.others[sender] += 1
         return False
 
     def _note(self, body: Body, number: int, now_ns: int) -> bool:
@@ -166,7 +171,7 @@ class AutopilotLink:
             if self._overtaken(number):
                 return False
             self.heartbeat = body
-            self._heartbeat_ns = now_ns
+            self.heartbeat_ns = now_ns
             self.custom_mode = body.custom_mode
         elif isinstance(body, CurrentMode):
             if self._overtaken(number):
@@ -320,39 +325,6 @@ class AutopilotLink:
     def _command(self, command: int, *params: float) -> None:
         self.send(command_long(self.system, self.component, command, *params))
 
-    # Telemetry ---------------------------------------------------------------------------------------
 
-    def record(self, now_ns: int) -> records.Link:
-        """The link as a record."""
-        beat = self.heartbeat
-        version = self.version
-        known = self.clock.accepted > 0
-        return records.Link(
-            t_ns=now_ns,
-            connected=self.connected(now_ns),
-            heartbeat_age_s=None if beat is None else (now_ns - self._heartbeat_ns) * 1e-9,
-            autopilot="" if beat is None else _enum_name("MAV_AUTOPILOT", beat.autopilot),
-            vehicle_type="" if beat is None else _enum_name("MAV_TYPE", beat.type),
-            autopilot_version="" if version is None else _version(version.flight_sw_version),
-            autopilot_uid="" if version is None else f"{version.uid:016x}",
-            received=self.received,
-            lost=self._sequence.lost,
-            reboots=self.reboots,
-            round_trip_s=self.clock.round_trip_s,
-            clock_offset_ns=self.clock.offset_ns(now_ns) if known else None,
-            clock_drift_ppm=self.clock.drift_ppm if known else None,
-            streams=self.streams.status(now_ns),
-            counters={**self.reader.counters, **self.counters},
-        )
-
-
+_HEARTBEAT: Final = MESSAGE_IDS["HEARTBEAT"]
 _NAMES: Final = {message_id: name for name, message_id in MESSAGE_IDS.items()}
-
-
-def _enum_name(enum: str, value: int) -> str:
-    entry = dialect.enums[enum].get(value)
-    return str(value) if entry is None else str(entry.name)
-
-
-def _version(packed: int) -> str:
-    return f"{packed >> 24 & 255}.{packed >> 16 & 255}.{packed >> 8 & 255}"

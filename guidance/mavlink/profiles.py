@@ -201,8 +201,8 @@ def outgoing(
 ) -> Outgoing:
     """The law's controls (rad/s, m/s) in the ranges that the autopilot gives a meaning.
 
-    `thrust = clamp(u4 / speed_at_full_thrust_m_s)`. Inputs should be finite: a NaN comes out as NaN, which the
-    caller must refuse and `set_attitude_target` will not pack.
+    `thrust = clamp(u4 / speed_at_full_thrust_m_s)`. Inputs should be finite: a NaN comes out as NaN, which
+    the caller must refuse and `set_attitude_target` will not pack.
     """
     rates = (
         _clamp(roll_rate, -BODY_RATE_MAX_RAD_S, BODY_RATE_MAX_RAD_S),

@@ -65,7 +65,6 @@ class SequenceWatch:
         if behind < _HALF:
             self._seen |= 1 << behind
         if self._missed >> behind & 1:  # it was late, not lost
-            self._missed &= ~(1 << behind)
             self.lost -= 1
         return Place(Order.LATE, number)
 

@@ -33,7 +33,7 @@ class Console(ThreadedSink):
         super().__init__("console", capacity=1000, capacity_bytes=1 << 20)
         self._unix_offset_ns = unix_offset_ns
         self._stream = sys.stderr if stream is None else stream
-        self._journal = "JOURNAL_STREAM" in os.environ
+        self._journal = _is_journal(self._stream)
         self._decode = msgspec.json.Decoder(Event).decode
 
     def offer(self, sample: Sample) -> None:
@@ -45,12 +45,13 @@ class Console(ThreadedSink):
         if lost:
             self._print(f"({lost} lines lost)")
         event = self._decode(sample.payload)
+        text = " ".join(event.text.split())  # one line an event, whatever an error's text contains
         if self._journal:
-            self._print(f"<{_PRIORITY[event.level]}>{event.text}")
+            self._print(f"<{_PRIORITY[event.level]}>{text}")
         else:
             seconds, ns = divmod(event.t_ns + self._unix_offset_ns, 1_000_000_000)
             clock = time.strftime("%H:%M:%S", time.localtime(seconds))
-            self._print(f"{clock}.{ns // 1_000_000:03d} {event.level:<8} {event.text}")
+            self._print(f"{clock}.{ns // 1_000_000:03d} {event.level:<8} {text}")
 
     def _turn(self) -> None:
         """Nothing is periodic."""
@@ -62,5 +63,20 @@ class Console(ThreadedSink):
         return f"nobody has read stderr for {seconds:.0f} s"
 
     def _print(self, line: str) -> None:
-        self._stream.write(line + "\n")
-        self._stream.flush()
+        try:
+            self._stream.write(line + "\n")
+            self._stream.flush()
+        except (OSError, ValueError) as error:  # the reader of the pipe has gone, the terminal was closed
+            self._discarded += 1
+            self._trouble = f"cannot write to stderr: {getattr(error, 'strerror', None) or error}"
+        else:
+            self._trouble = ""
+
+
+def _is_journal(stream: TextIO) -> bool:
+    """Whether systemd connected this very stream to its journal; the variable is inherited by others too."""
+    try:
+        status = os.fstat(stream.fileno())
+    except (OSError, ValueError):
+        return False
+    return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"

@@ -104,10 +104,11 @@ class _Px4Messages:
         self._status_shown: tuple[int, ...] | None = None
 
     def heartbeat(self, _: Sample) -> Any:
-        """HEARTBEAT of a submarine under PX4."""
+        """HEARTBEAT under PX4, of the type that MAV_TYPE says."""
         pilot = self._pilot
+        kind = int(pilot.parameters["MAV_TYPE"]) & 0xFF
         return mavlink.MAVLink_heartbeat_message(
-            12, 12, pilot.base_mode(), pilot.custom_mode, pilot.system_status(), 3
+            kind, 12, pilot.base_mode(), pilot.custom_mode, pilot.system_status(), 3
         )
 
     def current_mode(self, s: Sample) -> Any:

@@ -1,0 +1,194 @@
+"""Invariants of engaging over random sequences of what may be seen, commanded and waited for.
+
+- TRACKING begins only in an update that saw the control mode, armed, connected and nothing blocked.
+- A mode or disarm that nobody asked for while TRACKING hands over in the same update.
+- After a hand-over nothing engages without an accepted command that is still young or a switch that was seen,
+  whatever `engage` says.
+- Arming is commanded only if configured, in ARMING, in the control mode and with nothing blocked.
+- Nothing streams before mode and arming are known, nor on a PX4 that might obey without anybody having
+  asked, nor at all after a hand-over from `engage = "auto"`.
+- Every update ends, after few changes.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final, NamedTuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guidance.config import SupervisorConfig
+from guidance.engagement import Change, Engagement, View
+from guidance.mavlink.profiles import Mode, Profile
+from guidance.supervisor import SETPOINTS, Event, Setpoints, State
+from tests.engagement_bench import BOTH, S, mode
+
+STEP_S: Final = 2.0
+ENGAGED: Final = frozenset({State.STREAMING, State.SWITCHING, State.ARMING, State.TRACKING})
+#: What the random walks came across, so that none of the properties holds for want of examples.
+seen: Counter[str] = Counter()
+
+
+class Step(NamedTuple):
+    """What happens next: time, an operator's act, and one thing that is seen to change."""
+
+    dt_s: float
+    act: str
+    change: str
+
+
+ACTS: Final = ["", "", "", "", "", "", "engage"]
+CHANGES: Final = [
+    "nothing", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate",
+    "stream", "obey", "arm", "disarm", "control mode", "other mode", "third mode", "mode unknown",
+    "intend control", "intend other", "intend unknown", "block", "unblock", "lose", "find", "silence",
+]  # fmt: skip
+STEPS: Final = st.builds(
+    Step, st.sampled_from([0.02, 0.05, 0.3, 1.0, 2.5]), st.sampled_from(ACTS), st.sampled_from(CHANGES)
+)
+
+
+class Walk:
+    """An engagement, a vehicle that changes at random, and what has been allowed so far."""
+
+    def __init__(self, profile: Profile, config: SupervisorConfig, view: View) -> None:
+        self.it = Engagement(config, profile)
+        self.config = config
+        self.profile = profile
+        self.control = profile.control_mode.custom_mode
+        self.view = view
+        self.now_ns = S
+        self.wanted: Mode | bool | None = None
+        self.young_until_ns = 0
+        self.auto_allowed = True
+        self.last_mode: int | None = None
+
+    def change(self, name: str) -> None:
+        """One thing is seen to change."""
+        manual, hold = mode(self.profile, "manual"), mode(self.profile, "hold")
+        simple = {
+            "arm": {"armed": True},
+            "disarm": {"armed": False},
+            "control mode": {"custom_mode": self.control, "intended_mode": self.control},
+            "other mode": {"custom_mode": manual, "intended_mode": manual},
+            "third mode": {"custom_mode": hold, "intended_mode": hold},
+            "mode unknown": {"custom_mode": None, "intended_mode": None, "connected": False, "armed": None},
+            "intend control": {"intended_mode": self.control},
+            "intend other": {"intended_mode": manual},
+            "intend unknown": {"intended_mode": None},
+            "block": {"blocked": "blocked"},
+            "unblock": {"blocked": None},
+            "lose": {"connected": False},
+            "find": {"connected": True},
+            "silence": {"silent_s": 100.0},
+        }
+        if name in simple:
+            self.view = self.view._replace(**simple[name])  # type: ignore[arg-type]
+        elif name == "cooperate":
+            for good in ("find", "unblock", "stream", "obey"):
+                self.change(good)
+            if self.it.state is State.ARMING:
+                self.change("arm")
+        elif name == "obey" and self.wanted is True:
+            self.view = self.view._replace(armed=True)
+        elif name == "obey" and isinstance(self.wanted, Mode):
+            mode_now = self.wanted.custom_mode
+            self.view = self.view._replace(custom_mode=mode_now, intended_mode=mode_now)
+        elif name == "stream" and SETPOINTS[self.it.state] is not Setpoints.NONE:
+            self.view = self.view._replace(setpoints_sent=self.view.setpoints_sent + 10, silent_s=0.0)
+
+    def step(self, step: Step) -> None:
+        """Let it happen, and hold the invariants against what follows."""
+        self.now_ns += round(step.dt_s * S)
+        self.change(step.change)
+        if step.act == "engage" and self.it.engage(self.now_ns) is None:
+            self.young_until_ns = self.now_ns + round(self.config.step_timeout_s * S)
+        view, before = self.view, self.it.state
+        switched = self.last_mode not in (None, self.control) and view.custom_mode == self.control
+        changes = self.it.update(view, self.now_ns)
+        self.last_mode = view.custom_mode if view.connected else None
+        self.check(before, changes, switched)
+        self.wanted = self.it.due_command(view, self.now_ns)
+        if self.wanted is True:
+            seen["armed"] += 1
+            assert self.config.arm
+            assert self.it.state is State.ARMING
+            assert (view.custom_mode, view.blocked) == (self.control, None)
+        if self.wanted == self.profile.control_mode:
+            assert self.it.state is State.SWITCHING
+
+    def check(self, before: State, changes: list[Change], switched: bool) -> None:
+        """The invariants of one update."""
+        view = self.view
+        assert len(changes) <= 6
+        for old, new in zip([before, *(change.after for change in changes)], changes, strict=False):
+            assert old is new.before
+        if before is State.TRACKING and (
+            not view.connected or not view.armed or view.custom_mode != self.control
+        ):
+            seen["taken over"] += 1
+            assert changes[0].after is State.HANDED_OVER
+            assert self.it.state not in ENGAGED
+        for change in changes:
+            if change.after is State.TRACKING:
+                seen["tracking"] += 1
+                assert (view.connected, view.armed, view.blocked) == (True, True, None)
+                assert view.custom_mode == self.control
+            if change.after is State.HANDED_OVER:
+                self.auto_allowed = False
+                self.young_until_ns = 0
+            if change.after in ENGAGED and change.before not in ENGAGED:
+                commanded = self.now_ns < self.young_until_ns
+                assert switched or commanded or (self.config.engage == "auto" and self.auto_allowed)
+                assert view.custom_mode is not None
+                assert view.armed is not None
+                self.young_until_ns = 0
+                if change.event is Event.ENGAGE and commanded:
+                    seen["again"] += not self.auto_allowed
+                    self.auto_allowed = True
+            seen[change.after] += 1
+        if self.it.state is State.READY and self.it.may_offer_stream(view):
+            seen["offered"] += 1
+            assert self.profile.needs_stream
+            assert self.config.engage == "pilot" or self.auto_allowed
+            assert view.custom_mode not in (None, self.control)
+            assert view.intended_mode not in (None, self.control)
+
+
+def walk(profile: Profile, engage: str, arm: bool, shutdown: bool, steps: list[Step]) -> None:
+    """One random walk, and perhaps a shutdown at its end."""
+    hold = mode(profile, "hold")
+    view = View(True, "lost", False, hold, hold, None, 0, 0.0, "")
+    config = SupervisorConfig(
+        engage="auto" if engage == "auto" else "pilot",
+        arm=arm,
+        engage_max_error_m=1.0,
+        step_timeout_s=STEP_S,
+    )
+    it = Walk(profile, config, view)
+    for step in steps:
+        it.step(step)
+    if shutdown:
+        it.it.shutdown()
+        for _ in range(30):
+            it.step(Step(0.05, "engage", "nothing"))
+        assert it.it.state is State.FINISHED
+
+
+@BOTH
+@pytest.mark.parametrize("engage", ["auto", "pilot"])
+def test_the_invariants_hold_whatever_happens(profile: Profile, engage: str) -> None:
+    seen.clear()
+
+    @settings(max_examples=250)
+    @given(st.booleans(), st.booleans(), st.lists(STEPS, min_size=10, max_size=60))
+    def explore(arm: bool, shutdown: bool, steps: list[Step]) -> None:
+        walk(profile, engage, arm, shutdown, steps)
+
+    explore()
+    for what in ("tracking", "taken over", "armed", "again", *State):
+        assert seen[what] > 0, f"no example came across {what}: {seen}"
+    if engage == "pilot":
+        assert (seen["offered"] > 0) is profile.needs_stream

@@ -1,0 +1,221 @@
+"""Golden bytes of what each profile sends, written from the firmware's facts and packed here by hand."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance.config import ConfigError
+from guidance.mavlink.codec import PacketWriter
+from guidance.mavlink.profiles import (
+    BODY_RATE_MAX_RAD_S,
+    PROFILES,
+    Outgoing,
+    Profile,
+    command_long,
+    neutral,
+    outgoing,
+    profile_of,
+    set_attitude_target,
+    set_mode_command,
+)
+from tests.helpers import ROVER, make_config
+from tests.mavlink_peer import checksum
+from tests.strategies import properties
+
+UUV, BOAT = PROFILES["px4-uuv"], PROFILES["ardupilot-rover"]
+#: Attitude masked, all three rates live: PX4 drops a message without roll and pitch rate.
+UUV_MASK = 0x80
+#: Attitude, roll and pitch rate masked: ArduRover takes yaw rate and speed.
+ROVER_MASK = 0x83
+CRC_EXTRA_SET_ATTITUDE_TARGET, CRC_EXTRA_COMMAND_LONG = 49, 152
+
+
+def frame(message_id: int, payload: bytes, extra: int) -> str:
+    """MAVLink 2 of 1/191, sequence 0, trailing zeros cut, as hex."""
+    body = payload.rstrip(b"\0") or b"\0"
+    head = struct.pack("<BBBBBB", len(body), 0, 0, 0, 1, 191) + message_id.to_bytes(3, "little")
+    return (b"\xfd" + head + body + struct.pack("<H", checksum(head + body + bytes([extra])))).hex()
+
+
+def attitude_target(boot_ms: int, mask: int, rates: tuple[float, float, float], thrust: float) -> str:
+    """SET_ATTITUDE_TARGET (82) in wire order: time, q, rates, thrust, system, component, mask."""
+    payload = struct.pack("<I8fBBB", boot_ms, 1.0, 0.0, 0.0, 0.0, *rates, thrust, 1, 1, mask)
+    # The extension, thrust_body[3], is zero and cut.
+    return frame(82, payload, CRC_EXTRA_SET_ATTITUDE_TARGET)
+
+
+def command(number: int, *params: float) -> str:
+    """COMMAND_LONG (76) in wire order: seven params, command, system, component, confirmation."""
+    filled = [*params, *[0.0] * (7 - len(params))]
+    return frame(76, struct.pack("<7fHBBB", *filled, number, 1, 1, 0), CRC_EXTRA_COMMAND_LONG)
+
+
+def packed(message: Any) -> str:
+    return PacketWriter(1, 191).pack(message).hex()
+
+
+def test_golden_bytes_of_a_px4_uuv_setpoint() -> None:
+    out = outgoing(UUV, 0.5, -0.25, 0.125, 1.5, 3.0)
+    sent = packed(set_attitude_target(UUV, out, 1, 1, 0x01020304))
+    assert sent == attitude_target(0x01020304, UUV_MASK, (0.5, -0.25, 0.125), 0.5)
+    # Once as bytes, so that the helpers above cannot be wrong together with the code.
+    assert (
+        sent
+        == (
+            "fd2700000001bf520000"
+            "04030201"  # time
+            "0000803f000000000000000000000000"  # q
+            "0000003f000080be0000003e"  # rates
+            "0000003f"  # thrust
+            "010180"  # target, mask
+        )
+        + sent[-4:]
+    )
+    assert dialect.MAVLink(None).parse_buffer(bytes.fromhex(sent))[0].type_mask == UUV_MASK
+
+
+def test_golden_bytes_of_an_ardupilot_rover_setpoint() -> None:
+    out = outgoing(BOAT, 0.5, -0.25, 0.125, -1.5, 3.0)
+    sent = packed(set_attitude_target(BOAT, out, 1, 1, 1000))
+    assert sent == attitude_target(1000, ROVER_MASK, (0.0, 0.0, 0.125), -0.5)
+    assert (
+        sent
+        == (
+            "fd2700000001bf520000"
+            "e8030000"  # time
+            "0000803f000000000000000000000000"  # q
+            "00000000000000000000003e"  # rates
+            "000000bf"  # thrust
+            "010183"  # target, mask
+        )
+        + sent[-4:]
+    )
+
+
+@pytest.mark.parametrize(("profile", "mask"), [(UUV, UUV_MASK), (BOAT, ROVER_MASK)])
+def test_golden_bytes_of_the_neutral_setpoint(profile: Profile, mask: int) -> None:
+    sent = packed(set_attitude_target(profile, neutral(profile, 5.0), 1, 1, 7))
+    assert sent == attitude_target(7, mask, (0.0, 0.0, 0.0), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("profile", "name", "param2", "param3", "custom_mode"),
+    [
+        (UUV, "offboard", 6.0, 0.0, 393216),
+        (UUV, "position", 3.0, 0.0, 196608),
+        (UUV, "hold", 4.0, 3.0, 50593792),
+        (UUV, "takeoff", 4.0, 2.0, 33816576),
+        (UUV, "return", 4.0, 5.0, 84148224),
+        (UUV, "land", 4.0, 6.0, 100925440),
+        (UUV, "manual", 1.0, 0.0, 65536),
+        (BOAT, "guided", 15.0, 0.0, 15),
+        (BOAT, "hold", 4.0, 0.0, 4),
+        (BOAT, "manual", 0.0, 0.0, 0),
+        (BOAT, "rtl", 11.0, 0.0, 11),
+        (BOAT, "loiter", 5.0, 0.0, 5),
+    ],
+)
+def test_golden_bytes_of_mode_commands(
+    profile: Profile, name: str, param2: float, param3: float, custom_mode: int
+) -> None:
+    mode = profile.mode(name)
+    assert mode is not None
+    assert packed(set_mode_command(mode, 1, 1)) == command(176, 1.0, param2, param3)
+    assert mode.custom_mode == custom_mode
+    assert profile.mode_name(custom_mode) == name
+
+
+def test_golden_bytes_of_arming() -> None:
+    sent = packed(command_long(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0))
+    assert sent == command(400, 1.0)
+    assert sent[:-4] == "fd2000000001bf4c0000" + "0000803f" + "00000000" * 6 + "9001" + "0101"
+
+
+def test_the_rows_say_what_the_firmwares_do() -> None:
+    assert (UUV.autopilot, UUV.vehicle_types, UUV.planar, UUV.needs_stream) == (
+        12,
+        frozenset({12}),
+        False,
+        True,
+    )
+    assert (BOAT.autopilot, BOAT.vehicle_types, BOAT.planar, BOAT.needs_stream) == (
+        3,
+        frozenset({10, 11}),
+        True,
+        False,
+    )
+    assert (UUV.stream_timeout_s, BOAT.stream_timeout_s) == (1.0, 3.0)
+    assert (UUV.control_mode.name, BOAT.control_mode.name) == ("offboard", "guided")
+    assert UUV.mode_hz > 0, "only CURRENT_MODE shows what PX4 intends"
+    for profile in PROFILES.values():
+        assert profile.control_mode in profile.modes
+        assert len({mode.custom_mode for mode in profile.modes}) == len(profile.modes)
+        assert len({mode.name for mode in profile.modes}) == len(profile.modes)
+        assert profile.mode("no such mode") is None
+        assert profile.mode_name(99) == "mode 99"
+
+
+numbers = st.floats(allow_nan=False)
+
+
+@properties
+@given(st.sampled_from(sorted(PROFILES)), numbers, numbers, numbers, numbers, st.floats(0.1, 50.0))
+def test_every_field_is_clamped(
+    name: str, roll: float, pitch: float, yaw: float, speed_m_s: float, full_m_s: float
+) -> None:
+    profile = PROFILES[name]
+    out = outgoing(profile, roll, pitch, yaw, speed_m_s, full_m_s)
+    message = set_attitude_target(profile, out, 1, 1, 2**40)
+    for rate in (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate):
+        assert -BODY_RATE_MAX_RAD_S <= rate <= BODY_RATE_MAX_RAD_S
+    assert profile.thrust_min <= message.thrust <= profile.thrust_max
+    assert out.speed_m_s == pytest.approx(min(max(speed_m_s, -full_m_s), full_m_s))
+    assert 0 <= message.time_boot_ms < 2**32
+    packed(message)
+
+
+@pytest.mark.parametrize("value", [1e300, -1e300, math.inf, -math.inf])
+def test_clamps_hold_at_both_ends(value: float) -> None:
+    sign = math.copysign(1.0, value)
+    out = outgoing(UUV, value, value, value, value, 5.0)
+    assert out == Outgoing((sign * BODY_RATE_MAX_RAD_S,) * 3, sign, sign * 5.0)
+    planar = outgoing(BOAT, value, value, value, value, 5.0)
+    assert planar == Outgoing((0.0, 0.0, sign * BODY_RATE_MAX_RAD_S), sign, sign * 5.0)
+
+
+@pytest.mark.parametrize("field", range(4))
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_not_finite_is_never_packed(field: int, bad: float) -> None:
+    fields = [0.0] * 4
+    fields[field] = bad
+    rates = (fields[0], fields[1], fields[2])
+    with pytest.raises(ValueError, match="not finite"):
+        set_attitude_target(UUV, Outgoing(rates, fields[3], 0.0), 1, 1, 0)
+
+
+@pytest.mark.parametrize("field", range(4))
+def test_a_nan_is_not_clamped_into_a_number(field: int) -> None:
+    fields = [0.0] * 4
+    fields[field] = math.nan
+    roll, pitch, yaw, speed_m_s = fields
+    out = outgoing(UUV, roll, pitch, yaw, speed_m_s, 5.0)
+    assert math.isnan((*out.body_rates_frd_rad_s, out.thrust)[field])
+
+
+def test_the_configuration_names_a_profile_and_a_mode_to_leave_to() -> None:
+    assert profile_of(make_config()) is UUV
+    assert profile_of(make_config(*ROVER)) is BOAT
+    for override, text in (
+        ("vehicle.profile=zeppelin", "known are ardupilot-rover, px4-uuv"),
+        ("supervisor.exit_mode=offboard", "not a mode to leave to"),
+        ("supervisor.exit_mode=smart_rtl", "px4-uuv knows"),
+    ):
+        with pytest.raises(ConfigError, match=text):
+            profile_of(make_config(override))

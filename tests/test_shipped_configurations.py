@@ -1,0 +1,215 @@
+"""The shipped configurations: each key is documented in the code's own words, and each of them flies."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple, get_type_hints
+
+import msgspec
+import pytest
+
+from guidance.checking import allowed
+from guidance.config import Config, load
+from guidance.mavlink.profiles import PROFILES
+from guidance.records import TrackingError
+from guidance.supervisor import State
+from guidance.trajectory import TRAJECTORIES
+from guidance.tuning import ERROR_FUNCTIONS
+from sitl.lockstep import Lockstep
+from tests.helpers import DEMO, fly_until, fly_until_tracking, make_flight, records_of
+from tests.pilot import Pilot
+
+DEPLOY: Final = Path(__file__).parents[1] / "deploy"
+EXAMPLES: Final = sorted(DEPLOY.glob("*.toml"))
+EACH: Final = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+#: Tables that are one of several: their name in front of the keys of each.
+CHOICES: Final[dict[str, dict[str, Any]]] = {
+    "trajectory": dict(TRAJECTORIES),
+    "law.error_function": dict(ERROR_FUNCTIONS),
+}
+#: How a unit at the end of a key is written in its comment.
+UNITS: Final = {
+    "_m": "m",
+    "_s": "s",
+    "_hz": "Hz",
+    "_m_s": "m/s",
+    "_rad_s": "rad/s",
+    "_m_s2": "m/s^2",
+    "_rad_s2": "rad/s^2",
+    "_per_s": "1/s",
+    "_deg": "degrees",
+    "_mb": "MB",
+}
+
+
+class Key(NamedTuple):
+    """A key as an example shows it: its comment, whether it is set, and the value shown."""
+
+    comment: str
+    active: bool
+    literal: str
+
+    @property
+    def value(self) -> Any:
+        """The value shown."""
+        return value_of(self.literal)
+
+
+def keys_in(path: Path) -> dict[str, Key]:
+    """Dotted key -> how the file shows it; a trajectory's keys are `trajectory.NAME.KEY`."""
+    shown: dict[str, Key] = {}
+    table = choice = ""
+    comment: list[str] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        key = re.fullmatch(r"(# )?([a-z_0-9]+) = (.+)", line)
+        if header := re.fullmatch(r"\[([a-z_.]+)\]", line):
+            table, choice, comment = header[1], header[1], []
+        elif part := re.fullmatch(r"# --- ([a-z-]+) ---", line):
+            table, comment = f"{choice}.{part[1]}", []
+        elif key:
+            assert f"{table}.{key[2]}" not in shown
+            shown[f"{table}.{key[2]}"] = Key(" ".join(comment), not key[1], key[3])
+            comment = []
+        elif line.startswith("#"):
+            comment.append(line[1:].strip())
+        else:
+            assert not line, line
+            comment = []
+    return shown
+
+
+def value_of(literal: str) -> Any:
+    """What TOML makes of a literal."""
+    return tomllib.loads(f"value = {literal}")["value"]
+
+
+def unit_of(dotted: str) -> str:
+    """The unit at the end of a key's name."""
+    return next((UNITS[end] for end in sorted(UNITS, key=len, reverse=True) if dotted.endswith(end)), "")
+
+
+def fields(kind: type[msgspec.Struct], above: str) -> Iterator[tuple[str, Any, Any]]:
+    """Dotted key, field and type of each value in a table."""
+    hints = get_type_hints(kind, include_extras=True)
+    for field in msgspec.structs.fields(kind):
+        yield f"{above}.{field.name}", field, hints[field.name]
+
+
+def every_key() -> list[tuple[str, Any, Any]]:
+    """Of the whole configuration, with the keys of all trajectories and error functions."""
+    found = []
+    for table in msgspec.structs.fields(Config):
+        if table.name not in CHOICES:
+            found += [field for field in fields(table.type, table.name) if field[0] not in CHOICES]
+    for above, kinds in CHOICES.items():
+        for name, kind in kinds.items():
+            found += list(fields(kind, f"{above}.{name}"))
+    return found
+
+
+def chosen_in(path: Path, dotted: str) -> bool:
+    """Whether a key may be set beside what the file chooses: it is not one of another trajectory."""
+    above, _, name = dotted.rpartition(".")[0].rpartition(".")
+    return above not in CHOICES or keys_in(path)[f"{above}.name"].value == name
+
+
+def test_there_is_an_example_for_every_profile() -> None:
+    assert [path.stem for path in EXAMPLES] == sorted(PROFILES)
+
+
+@EACH
+def test_every_key_is_shown_with_unit_range_and_default(path: Path) -> None:
+    shown = keys_in(path)
+    expected = every_key()
+    assert set(shown) == {key for key, _, _ in expected} | {f"{table}.name" for table in CHOICES}
+    for dotted, field, hint in expected:
+        key = shown[dotted]
+        words = allowed(hint)
+        assert f"{words[0].upper()}{words[1:]}. " in key.comment, f"{dotted}: the comment lacks: {words}"
+        unit = unit_of(dotted)
+        assert re.search(rf"(?<!\w){re.escape(unit)}(?!\w)", key.comment), f"{dotted}: the unit {unit}?"
+        if field.required:
+            assert key.active is chosen_in(path, dotted), f"{dotted} is required"
+            assert key.comment.endswith("Required."), dotted
+        elif field.default is None:
+            assert not key.active, dotted
+            assert key.comment.endswith("Absent: no limit."), dotted
+        else:
+            default = msgspec.to_builtins(field.default)
+            literal = re.search(r"Default (.+)\.$", key.comment)
+            assert literal, f"{dotted}: the comment lacks its default"
+            assert value_of(literal[1]) == _toml(default), dotted
+            assert key.active or key.value == _toml(default), dotted
+
+
+def _toml(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+@EACH
+def test_names_that_only_the_profile_knows_are_listed(path: Path) -> None:
+    shown = keys_in(path)
+    profile = PROFILES[shown["vehicle.profile"].value]
+    assert profile.name == path.stem
+    for name in PROFILES:
+        assert f'"{name}"' in shown["vehicle.profile"].comment
+    for mode in profile.modes:
+        listed = f'"{mode.name}"' in shown["supervisor.exit_mode"].comment
+        assert listed is (mode != profile.control_mode), mode.name
+    for table, kinds in CHOICES.items():
+        for name in kinds:
+            assert f'"{name}"' in shown[f"{table}.name"].comment
+
+
+@EACH
+def test_uncommenting_every_default_changes_nothing(path: Path) -> None:
+    config = load(path)
+    chosen = str(config.trajectory.__struct_config__.tag)
+    settings = [
+        f"{dotted.replace(f'.{chosen}.', '.')}={key.literal}"
+        for dotted, key in keys_in(path).items()
+        if not key.active and "Default" in key.comment and chosen_in(path, dotted)
+    ]
+    assert len(settings) > 10
+    assert load(path, settings) == config
+
+
+def converges(flight: Lockstep, seconds: float) -> None:
+    """The error falls below 0.1 m for good and stays within 10 mm at the end."""
+    flight.run(seconds)
+    errors = records_of(flight, TrackingError)
+    outside = [error.t_ns for error in errors if error.norm_m >= 0.1]
+    assert outside[-1] < flight.now_ns - 10e9
+    assert max(error.norm_m for error in errors[-200:]) < 0.01
+
+
+@EACH
+def test_it_flies_as_it_is_shipped(path: Path) -> None:
+    config = load(path)
+    assert (config.supervisor.engage, config.supervisor.arm) == ("pilot", False)
+    flight = make_flight(config=config)
+    pilot = Pilot(flight)
+    fly_until(flight, State.READY, 3.0)
+    flight.run(5.0)
+    assert not flight.vehicle.armed
+    pilot.switch("control")
+    fly_until(flight, State.ARMING, 1.0)
+    pilot.arm()
+    fly_until_tracking(flight, 1.1)
+    converges(flight, 30.0)
+
+
+@EACH
+def test_it_flies_unattended(path: Path) -> None:
+    flight = make_flight(config=load(path, ["supervisor.engage=auto", "supervisor.arm=true"]))
+    fly_until_tracking(flight)
+    converges(flight, 30.0)
+
+
+def test_the_demo_flies() -> None:
+    flight = make_flight(config=load(DEMO))
+    fly_until_tracking(flight)
+    converges(flight, 25.0)

@@ -1,0 +1,191 @@
+"""Streams are asked for one by one, watched by three verdicts, lowered when denied and asked for again."""
+
+from __future__ import annotations
+
+import pytest
+
+from guidance.mavlink.streams import SLOWEST_HZ, Stream, Streams
+from guidance.records import StreamStatus
+
+SECOND = 1_000_000_000
+MS = 1_000_000
+ATTITUDE, POSITION, EULER = "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "ATTITUDE"
+
+
+def play(stream: Stream, since_ns: int, seconds: float, hz: float, *, valid: bool = True) -> int:
+    """Messages at a steady rate; the instant of the last one."""
+    count = round(seconds * hz)
+    for n in range(1, count + 1):
+        stream.arrived(since_ns + round(n * SECOND / hz), valid=valid)
+    return since_ns + round(count * SECOND / hz)
+
+
+def verdicts(status: StreamStatus) -> tuple[bool, bool, bool]:
+    return status.alive, status.at_rate, status.valid
+
+
+def test_a_stream_that_never_came_is_none_of_the_three() -> None:
+    status = Stream(ATTITUDE, 50.0).status(5 * SECOND)
+    assert verdicts(status) == (False, False, False)
+    assert (status.rate_hz, status.age_s, status.rejected) == (0.0, None, 0)
+
+
+@pytest.mark.parametrize(
+    ("hz", "at_rate"), [(50.0, True), (40.0, True), (26.0, True), (24.0, False), (4.0, False)]
+)
+def test_at_rate_is_half_of_what_is_wanted(hz: float, at_rate: bool) -> None:
+    stream = Stream(ATTITUDE, 50.0)
+    now = play(stream, 0, 3.0, hz)
+    status = stream.status(now)
+    assert verdicts(status) == (True, at_rate, True)
+    assert status.rate_hz == pytest.approx(hz, rel=1e-3)
+
+
+def test_the_verdicts_fall_apart_one_by_one() -> None:
+    stream = Stream(ATTITUDE, 50.0, alive_s=0.2)
+    now = play(stream, 0, 2.0, 50.0)
+    assert verdicts(stream.status(now)) == (True, True, True)
+    assert verdicts(stream.status(now + 221 * MS)) == (False, False, False)
+    stream.arrived(now + 20 * MS, valid=False)
+    assert verdicts(stream.status(now + 20 * MS)) == (True, True, False)
+    assert stream.status(now + 20 * MS).rejected == 1
+    assert stream.alive(now + 220 * MS)
+    assert not stream.alive(now + 221 * MS)
+    assert verdicts(stream.status(now + 221 * MS)) == (False, False, False)
+
+
+def test_the_rate_falls_while_nothing_comes_and_is_not_fooled_by_bursts() -> None:
+    stream = Stream(ATTITUDE, 50.0)
+    now = play(stream, 0, 2.0, 50.0)
+    rates = [stream.rate_hz(now + wait * MS) for wait in (0, 20, 100, 300, 600, 990, 1500)]
+    assert rates[0] == pytest.approx(50.0)
+    assert rates == sorted(rates, reverse=True)
+    assert rates[3] == pytest.approx(36.0, abs=1.5)
+    assert rates[4] == pytest.approx(21.0, abs=1.5)
+    assert rates[-1] == 0.0
+    burst = Stream(ATTITUDE, 50.0)
+    for _ in range(40):
+        burst.arrived(now, valid=True)
+    assert burst.rate_hz(now) == 0.0
+    assert burst.rate_hz(now + 500 * MS) <= 80.0
+
+
+def asked(streams: Streams, now: int) -> tuple[str, float] | None:
+    return streams.request(now)
+
+
+def test_one_request_is_outstanding_until_it_is_answered_or_given_up() -> None:
+    streams = Streams([Stream(ATTITUDE, 50.0), Stream(POSITION, 30.0)])
+    assert asked(streams, 0) == (ATTITUDE, 50.0)
+    assert asked(streams, 100 * MS) is None
+    streams.acknowledged(accepted=True)
+    assert asked(streams, 110 * MS) == (POSITION, 30.0)
+    assert asked(streams, 200 * MS) is None
+    assert asked(streams, 409 * MS) is None
+    # The second was not answered: nothing else is due, and it is asked for again after its time.
+    assert asked(streams, 420 * MS) is None
+    streams[ATTITUDE].arrived(2000 * MS, valid=True)
+    assert asked(streams, 2001 * MS) == (ATTITUDE, 50.0)
+    streams.acknowledged(accepted=True)
+    assert asked(streams, 2111 * MS) == (POSITION, 30.0)
+
+
+def test_a_denied_rate_is_lowered_rung_by_rung_and_given_up_below_the_slowest() -> None:
+    streams = Streams([Stream(ATTITUDE, 50.0)])
+    rates = []
+    for n in range(40):
+        request = asked(streams, n * 100 * MS)
+        if request is None:
+            break
+        rates.append(request[1])
+        streams.acknowledged(accepted=False)
+    assert rates[:3] == pytest.approx([50.0, 40.0, 32.0])
+    assert rates == sorted(rates, reverse=True)
+    assert rates[-1] == SLOWEST_HZ
+    assert len(rates) < 15
+    assert all(asked(streams, minute * 60 * SECOND) is None for minute in range(1, 10)), "refused for good"
+    streams.reset()
+    assert asked(streams, 601 * SECOND) == (ATTITUDE, 50.0), "another boot, another answer"
+
+
+def test_forty_of_fifty_is_what_ardurover_grants_and_it_is_enough() -> None:
+    stream = Stream(ATTITUDE, 50.0)
+    streams = Streams([stream])
+    assert asked(streams, 0) == (ATTITUDE, 50.0)
+    streams.acknowledged(accepted=False)
+    assert asked(streams, 100 * MS) == (ATTITUDE, 40.0)
+    streams.acknowledged(accepted=True)
+    now = play(stream, 100 * MS, 5.0, 40.0)
+    assert stream.status(now).at_rate
+    assert asked(streams, now) is None
+
+
+def test_it_is_asked_for_again_when_another_program_resets_the_rate() -> None:
+    stream = Stream(ATTITUDE, 50.0)
+    streams = Streams([stream])
+    asked(streams, 0)
+    streams.acknowledged(accepted=True)
+    now = play(stream, 0, 5.0, 50.0)
+    assert asked(streams, now) is None
+    now = play(stream, now, 2.0, 4.0)
+    assert asked(streams, now) == (ATTITUDE, 50.0)
+    streams.acknowledged(accepted=True)
+    assert asked(streams, now + 1500 * MS) is None, "not more often than every two seconds"
+    assert asked(streams, now + 2000 * MS) == (ATTITUDE, 50.0)
+
+
+def test_a_stream_that_does_not_insist_is_asked_for_once_as_long_as_it_comes() -> None:
+    stream = Stream("CURRENT_MODE", 10.0, alive_s=3.0, insist=False)
+    streams = Streams([stream])
+    assert asked(streams, 0) == ("CURRENT_MODE", 10.0)
+    streams.acknowledged(accepted=True)
+    now = play(stream, 0, 20.0, 2.0)  # PX4 publishes it at 2 Hz, whatever is asked
+    assert asked(streams, now) is None
+    assert asked(streams, now + 2900 * MS) is None
+    assert asked(streams, now + 3100 * MS) == ("CURRENT_MODE", 10.0)
+
+
+def pair() -> Streams:
+    return Streams([Stream(ATTITUDE, 50.0), Stream(EULER, 50.0, instead_of=ATTITUDE)])
+
+
+def test_the_substitute_is_not_asked_for_while_the_stream_comes() -> None:
+    streams = pair()
+    assert asked(streams, 0) == (ATTITUDE, 50.0)
+    streams.acknowledged(accepted=True)
+    now = play(streams[ATTITUDE], 0, 10.0, 50.0)
+    assert asked(streams, now) is None
+
+
+def test_the_substitute_is_asked_for_when_the_stream_does_not_come() -> None:
+    streams = pair()
+    assert asked(streams, 0) == (ATTITUDE, 50.0)
+    streams.acknowledged(accepted=True)
+    assert asked(streams, 900 * MS) is None
+    assert asked(streams, 1000 * MS) == (EULER, 50.0)
+
+
+def test_the_substitute_is_asked_for_when_the_stream_is_refused_for_good() -> None:
+    streams = pair()
+    requests = []
+    for n in range(40):
+        request = asked(streams, n * 10 * MS)
+        if request is not None:
+            requests.append(request)
+            streams.acknowledged(accepted=request[0] == EULER)
+    assert requests[-1] == (EULER, 50.0)
+    assert {name for name, _ in requests[:-1]} == {ATTITUDE}
+
+
+def test_an_answer_that_nobody_waits_for_changes_nothing() -> None:
+    streams = Streams([Stream(ATTITUDE, 50.0)])
+    streams.acknowledged(accepted=False)
+    assert asked(streams, 0) == (ATTITUDE, 50.0)
+    assert streams.get(EULER) is None
+    assert [status.message for status in streams.status(0)] == [ATTITUDE]
+
+
+def test_memory_does_not_grow_with_the_messages() -> None:
+    stream = Stream(ATTITUDE, 50.0)
+    play(stream, 0, 60.0, 100.0)
+    assert len(stream._arrivals_ns) <= 101

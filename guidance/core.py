@@ -10,6 +10,7 @@ burst of old datagrams is read to its end before a single setpoint is computed f
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
@@ -18,7 +19,15 @@ from guidance.config import Config
 from guidance.engagement import Change, Engagement, View
 from guidance.estimate import Estimate, Estimator
 from guidance.mavlink.link import AutopilotLink, Received
-from guidance.mavlink.messages import Attitude, AttitudeQuaternion, CommandAck, LocalPositionNed
+from guidance.mavlink.messages import (
+    Attitude,
+    AttitudeQuaternion,
+    CommandAck,
+    CurrentMode,
+    Heartbeat,
+    LocalPositionNed,
+    StatusText,
+)
 from guidance.mavlink.profiles import (
     Mode,
     command_long,
@@ -31,24 +40,38 @@ from guidance.mavlink.report import absence, link_record
 from guidance.mavlink.streams import Stream
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
-from guidance.reporting import setpoint_records, status_record
+from guidance.reporting import setpoint_records, state_record, status_record
 from guidance.supervisor import SETPOINTS, Setpoints, State
 from guidance.timing import LoopTiming
 from guidance.tracker import Solution, Tracker, is_usable
 
+#: Attitude and position are asked for at the setpoints' rate, or its smallest multiple of at least this.
+STATE_HZ_MIN: Final = 20.0
 #: A new attitude is used when this part of the period has passed: data that is a little early is not late.
 NEARLY: Final = 0.8
+#: Of the autopilot's STATUSTEXTs so many a second become events; a flood tells nobody anything.
+TEXTS_PER_S_MAX: Final = 10
 #: Without a new attitude, prediction fills in after this many periods.
 FILL_IN: Final = 1.5
 
 _WATCH_NS: Final = 50_000_000
-_REPORTS_NS: Final = {"status": 200_000_000, "link": 500_000_000, "timing": 1_000_000_000}
+_REPORTS_NS: Final = {
+    "state": 100_000_000,  # where no setpoint says it
+    "status": 200_000_000,
+    "link": 500_000_000,
+    "timing": 1_000_000_000,
+}
 _SEVERITY: Final = {
     Level.INFO: dialect.MAV_SEVERITY_INFO,
     Level.NOTICE: dialect.MAV_SEVERITY_NOTICE,
     Level.WARNING: dialect.MAV_SEVERITY_WARNING,
     Level.ERROR: dialect.MAV_SEVERITY_ERROR,
     Level.CRITICAL: dialect.MAV_SEVERITY_CRITICAL,
+}
+_LEVELS: Final = {
+    dialect.MAV_SEVERITY_EMERGENCY: Level.CRITICAL,
+    dialect.MAV_SEVERITY_ALERT: Level.CRITICAL,
+    **{severity: level for level, severity in _SEVERITY.items()},
 }
 _LOUD: Final = frozenset({State.HANDED_OVER, State.ABORTED, State.WITHHELD})
 _COMMANDS: Final = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
@@ -85,22 +108,20 @@ class Guide:
         self._watch_ns = 0
         self._reboots = 0
         self._answer = ""
+        self._complaint = ""
+        self._said = (0, 0)
         self._silent_because = ""
 
     def _wanted_streams(self) -> list[Stream]:
-        link, profile = self.config.link, self.profile
+        link, mode_hz = self.config.link, self.profile.mode_hz
+        state_hz = link.rate_hz * math.ceil(STATE_HZ_MIN / link.rate_hz)
         streams = [
-            Stream("ATTITUDE_QUATERNION", profile.attitude_hz, alive_s=link.attitude_timeout_s),
-            Stream("LOCAL_POSITION_NED", profile.position_hz, alive_s=link.position_timeout_s),
-            Stream(
-                "ATTITUDE",
-                profile.attitude_hz,
-                alive_s=link.attitude_timeout_s,
-                instead_of="ATTITUDE_QUATERNION",
-            ),
+            Stream("ATTITUDE_QUATERNION", state_hz, alive_s=link.attitude_timeout_s),
+            Stream("LOCAL_POSITION_NED", state_hz, alive_s=link.position_timeout_s),
+            Stream("ATTITUDE", state_hz, alive_s=link.attitude_timeout_s, instead_of="ATTITUDE_QUATERNION"),
         ]
-        if profile.mode_hz:
-            streams.append(Stream("CURRENT_MODE", profile.mode_hz, alive_s=3.0, insist=False))
+        if mode_hz:
+            streams.append(Stream("CURRENT_MODE", mode_hz, alive_s=3.0, insist=False))
         return streams
 
     # Inputs ------------------------------------------------------------------------------------------
@@ -184,8 +205,22 @@ class Guide:
             if body.result != dialect.MAV_RESULT_ACCEPTED:
                 entry = dialect.enums["MAV_RESULT"].get(body.result)
                 self._answer = str(body.result) if entry is None else entry.name.removeprefix("MAV_RESULT_")
-        else:
-            self._watch_ns = now_ns  # a heartbeat or a mode: look at once, the pilot may have switched
+        elif isinstance(body, StatusText):
+            self._heard(body, now_ns)
+        elif isinstance(body, Heartbeat | CurrentMode):
+            self._watch_ns = now_ns  # look at once, the pilot may have switched
+
+    def _heard(self, said: StatusText, now_ns: int) -> None:
+        """The autopilot speaks to people: an event, and perhaps why it refuses what was commanded."""
+        second = now_ns // 1_000_000_000
+        self._said = (second, self._said[1] + 1 if self._said[0] == second else 1)
+        if self._said[1] > TEXTS_PER_S_MAX:
+            self.link.counters["texts_not_shown"] += 1
+            return
+        text = said.text.rstrip(b"\0").decode("utf-8", "replace")
+        self._event(_LEVELS.get(said.severity, Level.INFO), "autopilot", f"autopilot: {text}", now_ns)
+        if said.severity <= dialect.MAV_SEVERITY_WARNING:
+            self._complaint = text
 
     def _take_sample(
         self, name: str, body: AttitudeQuaternion | Attitude | LocalPositionNed, now_ns: int
@@ -333,6 +368,7 @@ class Guide:
         gap_s = self.timing.sent(due_ns, now_ns)
         if gap_s is not None:
             self._event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
+        self._next_report_ns["state"] = now_ns + _REPORTS_NS["state"]
         self._records += setpoint_records(estimate, solution, out, self.setpoints_sent)
 
     def _estimate(self, now_ns: int) -> Estimate | str:
@@ -345,9 +381,14 @@ class Guide:
         for name, period_ns in _REPORTS_NS.items():
             if now_ns >= self._next_report_ns[name]:
                 self._next_report_ns[name] = now_ns + period_ns
-                self._records.append(self._periodic(name, now_ns))
+                record = self._periodic(name, now_ns)
+                if record is not None:
+                    self._records.append(record)
 
-    def _periodic(self, name: str, now_ns: int) -> Record:
+    def _periodic(self, name: str, now_ns: int) -> Record | None:
+        if name == "state":
+            estimate = self._estimate(now_ns)
+            return None if isinstance(estimate, str) else state_record(estimate)
         if name == "status":
             return status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)
         if name == "link":

@@ -168,6 +168,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
 class Link(Record, frozen=True, kw_only=True):
     """The link to the autopilot: who is heard, what is lost or refused, and the clock between the two.
 
+    `uplink_age_s` is the age of the newest packet of ours that the autopilot answered (TIMESYNC).
     `counters` names every kind of input that was not used (bad checksums, garbage bytes, other systems,
     non-finite values, duplicates, ...) with its count since the start.
     """
@@ -182,6 +183,7 @@ class Link(Record, frozen=True, kw_only=True):
     lost: int
     reboots: int
     round_trip_s: float | None
+    uplink_age_s: float | None
     clock_offset_ns: int | None
     clock_drift_ppm: float | None
     streams: tuple[StreamStatus, ...]

@@ -35,24 +35,27 @@ def status_record(
     )
 
 
+def state_record(estimate: Estimate) -> State:
+    """The vehicle as the service sees it."""
+    return State(
+        t_ns=estimate.instant_ns,
+        position_ned_m=estimate.pose.position,
+        velocity_ned_m_s=estimate.velocity_ned_m_s,
+        attitude_wxyz=estimate.pose.attitude,
+        body_rates_frd_rad_s=estimate.twist.angular,
+        attitude_age_s=estimate.attitude_age_s,
+        position_age_s=estimate.position_age_s,
+        predicted_s=estimate.attitude_age_s,
+        attitude_source=estimate.attitude.source,
+        position_source=estimate.position.source,
+        vehicle_time_ms=estimate.attitude.boot_ms,
+    )
+
+
 def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoing, seq: int) -> list[Record]:
     """The state, and what was made of it; a neutral setpoint has no reference and no error."""
     t_ns = estimate.instant_ns
-    made: list[Record] = [
-        State(
-            t_ns=t_ns,
-            position_ned_m=estimate.pose.position,
-            velocity_ned_m_s=estimate.velocity_ned_m_s,
-            attitude_wxyz=estimate.pose.attitude,
-            body_rates_frd_rad_s=estimate.twist.angular,
-            attitude_age_s=estimate.attitude_age_s,
-            position_age_s=estimate.position_age_s,
-            predicted_s=estimate.attitude_age_s,
-            attitude_source=estimate.attitude.source,
-            position_source=estimate.position.source,
-            vehicle_time_ms=estimate.attitude.boot_ms,
-        )
-    ]
+    made: list[Record] = [state_record(estimate)]
     if solution is None:
         demanded_rates, demanded_speed = out.body_rates_frd_rad_s, out.speed_m_s
         saturated = singular = False

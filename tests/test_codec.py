@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
-from guidance.mavlink.messages import CRC_EXTRA, DECODERS, MESSAGE_IDS, NAMES
+from guidance.mavlink.messages import CRC_EXTRA, DECODERS, MESSAGE_IDS
 from tests.mavlink_peer import SIGNATURE_BYTES, Sender, checksum, frame_by_hand
 from tests.strategies import properties
 
@@ -308,5 +308,5 @@ def test_packets_of_the_writer_are_what_pymavlink_reads_in_sequence() -> None:
 
 def test_tables_cover_the_messages_that_are_read() -> None:
     assert len(READ) == 11
-    assert all(NAMES[message_id] == name for name, message_id in READ)
+    assert all(dialect.mavlink_map[message_id].msgname == name for name, message_id in READ)
     assert UNKNOWN_ID not in CRC_EXTRA

@@ -88,8 +88,16 @@ def test_messages_that_are_not_read_or_not_known_are_not_lost() -> None:
     peer.link.receive(frame_by_hand(0xABCDE, b"\1\2", 0, sequence=8), peer.now)
     assert peer.say(dialect.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0), sequence=9) == []
     peer.heartbeat(sequence=10)
-    assert (peer.record().lost, peer.record().received) == (0, 4)
+    assert (peer.record().lost, peer.record().received) == (0, 3), "what cannot be checked proves no peer"
     assert peer.counters == {"unknown_message": 1}
+
+
+def test_a_forged_frame_of_an_unknown_id_takes_no_true_frames_place() -> None:
+    peer = Peer()
+    peer.heartbeat(sequence=7)
+    peer.link.receive(frame_by_hand(0xABCDE, b"\1\2", 0, sequence=8), peer.now)
+    assert peer.attitude(1000, after_ms=5, sequence=8)
+    assert peer.counters.get("duplicate", 0) == 0
 
 
 def test_a_repeated_frame_is_dropped_and_counted() -> None:
@@ -227,3 +235,49 @@ def test_an_absurd_time_is_refused_once_the_clock_is_known() -> None:
     assert peer.counters == {"from_the_future": 1}
     assert peer.attitude(newest) == ["ATTITUDE_QUATERNION"]
     assert peer.link.reboots == 0
+
+
+def test_the_intended_mode_is_unknown_when_not_supplied_old_or_of_a_lost_link() -> None:
+    peer = Peer()
+    peer.heartbeat()
+    peer.say(dialect.MAVLink_current_mode_message(0, 6 << 16, 6 << 16))
+    assert peer.link.intended_mode == 6 << 16
+    seen: list[int | None] = []
+    peer.say(dialect.MAVLink_current_mode_message(0, 3 << 16, 0))
+    seen.append(peer.link.intended_mode)
+    assert seen == [None], "0 is: not supplied"
+    peer.say(dialect.MAVLink_current_mode_message(0, 6 << 16, 6 << 16))
+    for _ in range(31):
+        peer.heartbeat()
+        peer.sent(wait_ms=100)
+        seen.append(peer.link.intended_mode)
+    assert seen[1:30] == [6 << 16] * 29
+    assert seen[-1] is None, "not said again for 3 s"
+
+
+def test_the_age_of_the_uplink_counts_from_the_newest_question_that_was_answered() -> None:
+    peer = Peer()
+    assert peer.record().uplink_age_s is None
+    peer.heartbeat()
+    asked_ns = next(m.ts1 for m in peer.sent() if m.get_type() == "TIMESYNC")
+    peer.say(dialect.MAVLink_timesync_message(5_000_000, asked_ns), after_ms=10)
+    age_s = peer.record().uplink_age_s
+    assert age_s == pytest.approx((peer.now - asked_ns) * 1e-9)
+    peer.sent(wait_ms=500)
+    assert peer.record().uplink_age_s == pytest.approx((peer.now - asked_ns) * 1e-9)
+
+
+def test_lost_heartbeats_are_forgiven_for_a_while_as_long_as_the_autopilot_is_heard() -> None:
+    peer = Peer()
+    peer.heartbeat()
+    start = peer.now
+    last_connected = start
+    for n in range(120):
+        peer.attitude(1000 + 100 * n, after_ms=100)
+        if peer.link.connected(peer.now):
+            last_connected = peer.now
+    assert last_connected - start == pytest.approx(9e9, abs=0.11e9)
+    silent = Peer()
+    silent.heartbeat()
+    assert silent.link.connected(silent.now + 3_000_000_000)
+    assert not silent.link.connected(silent.now + 3_000_000_001)

@@ -92,7 +92,7 @@ def test_replay_of_a_log_is_identical(command: str, tmp_path: Path) -> None:
         flight.on_record = book.add
         flight.run(3.0)
     *verb, log = words(command)
-    assert log.endswith(".mcap")
+    assert ".mcap" in log
     outcome = CliRunner().invoke(guidance_cli.app, [*verb, str(book.path)])
     assert outcome.exit_code == 0, outcome.output
     assert "identical" in outcome.output

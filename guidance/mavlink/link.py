@@ -37,11 +37,18 @@ from guidance.mavlink.streams import Stream, Streams
 #: This component, as other MAVLink nodes see it.
 COMPONENT_ID: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 
+#: How many times its time-out a heartbeat may be old while other messages of the autopilot come.
+HEARTBEATS_MISSED: Final = 3
+
 _HEARTBEAT_PERIOD_NS: Final = 1_000_000_000
-_TIMESYNC_PERIOD_NS: Final = 100_000_000
+#: Often enough that 30 % of loss each way does not look like a dead uplink.
+_TIMESYNC_PERIOD_NS: Final = 50_000_000
+_HEARD_NS: Final = 500_000_000
 _REQUEST_PERIOD_NS: Final = 1_000_000_000
 _STREAM_PERIOD_NS: Final = 100_000_000
-_QUESTIONS_KEPT: Final = 16
+_QUESTIONS_KEPT: Final = 32
+#: An intended mode that was not said again for so long may have changed (PX4 says it twice a second).
+_INTENDED_OLD_NS: Final = 3_000_000_000
 #: `time_boot_ms` this far back, in all messages of so long a time, is a reboot and no late message.
 _REBOOT_BACK_MS: Final = 1000
 _REBOOT_AFTER: Final = 3
@@ -97,11 +104,15 @@ class AutopilotLink:
         self._outbox: list[bytes] = []
         self._heartbeat_timeout_ns = round(heartbeat_timeout_s * 1e9)
         self.heartbeat_ns = 0
+        self._heard_ns = 0
         self.sequence = SequenceWatch()
         self._mode_number = -1
         self._newest_boot_ms: int | None = None
         self._back_run = 0
         self._back_since_ns = 0
+        self._recent: dict[int, Frame] = {}  # the last frame of each sequence number
+        self._intended_ns = 0
+        self._answered_ns: int | None = None
         self._questions: list[int] = []
         self._next_heartbeat_ns = 0
         self._next_timesync_ns = 0
@@ -111,8 +122,16 @@ class AutopilotLink:
     # What is known -----------------------------------------------------------------------------------
 
     def connected(self, now_ns: int) -> bool:
-        """Whether the autopilot's heartbeat is younger than its time-out."""
-        return self.heartbeat is not None and now_ns - self.heartbeat_ns <= self._heartbeat_timeout_ns
+        """Whether the autopilot's heartbeat is younger than its time-out.
+
+        While its other messages come, heartbeats may have been lost on the way (at 30 % of loss three
+        running are lost every 40 s): then it may be `HEARTBEATS_MISSED` times as old.
+        """
+        if self.heartbeat is None:
+            return False
+        heard = now_ns - self._heard_ns <= _HEARD_NS
+        limit_ns = self._heartbeat_timeout_ns * (HEARTBEATS_MISSED if heard else 1)
+        return now_ns - self.heartbeat_ns <= limit_ns
 
     @property
     def armed(self) -> bool | None:
@@ -124,6 +143,10 @@ class AutopilotLink:
         """The newest `time_boot_ms`."""
         return self._newest_boot_ms
 
+    def uplink_age_s(self, now_ns: int) -> float | None:
+        """Since the newest packet of ours that the autopilot has proved to have got, by answering it."""
+        return None if self._answered_ns is None else (now_ns - self._answered_ns) * 1e-9
+
     # Bytes in ----------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_ns: int) -> list[Received]:
@@ -134,13 +157,19 @@ class AutopilotLink:
             if not self._is_autopilot(frame):
                 continue
             place = self.sequence.place(frame.sequence, now_ns)
+            # An equal number alone proves nothing: a frame of an unknown id cannot be checked, may be forged.
+            if place.order is Order.DUPLICATE and self._recent.get(frame.sequence) == frame:
+                self.counters["duplicate"] += 1
+                continue
             if place.order is not Order.NEW:
-                self.counters[place.order.value] += 1
-                if place.order is Order.DUPLICATE:
-                    continue
+                self.counters["late"] += 1
+            self._recent[frame.sequence] = frame
+            if not frame.known:
+                continue
             self.received += 1
+            self._heard_ns = now_ns
             decode = DECODERS.get(frame.message_id)
-            if decode is None:  # not read, perhaps not even known, but it had a sequence number all the same
+            if decode is None:  # not read, but it had a sequence number all the same
                 continue
             body = decode(frame.payload)
             if self._note(body, place.number, now_ns):
@@ -177,7 +206,8 @@ class AutopilotLink:
             if self._overtaken(number):
                 return False
             self.custom_mode = body.custom_mode
-            self.intended_mode = body.intended_custom_mode
+            self.intended_mode = body.intended_custom_mode or None  # 0 is "not supplied"
+            self._intended_ns = now_ns
         elif isinstance(body, Timesync):
             self._timesync(body, now_ns)
         elif isinstance(body, AutopilotVersion):
@@ -247,6 +277,7 @@ class AutopilotLink:
             self.send(dialect.MAVLink_timesync_message(now_ns, body.ts1))
         elif body.ts1 in self._questions:
             self._questions.remove(body.ts1)
+            self._answered_ns = max(body.ts1, self._answered_ns or 0)
             restarts = self.clock.restarts
             if not self.clock.update(body.ts1, body.tc1, now_ns):
                 self.counters["timesync_rejected"] += 1
@@ -294,6 +325,8 @@ class AutopilotLink:
                     3,
                 )
             )
+        if not self.connected(now_ns) or now_ns - self._intended_ns > _INTENDED_OLD_NS:
+            self.intended_mode = None
         if self.heartbeat is None:
             return
         if now_ns >= self._next_timesync_ns:

@@ -174,8 +174,3 @@ DECODERS: Final[dict[int, Callable[[bytes], Body]]] = {
 CRC_EXTRA: Final[dict[int, int]] = {
     message_id: message.crc_extra for message_id, message in dialect.mavlink_map.items()
 }
-
-#: Message id -> name, for every message of the dialect.
-NAMES: Final[dict[int, str]] = {
-    message_id: message.msgname for message_id, message in dialect.mavlink_map.items()
-}

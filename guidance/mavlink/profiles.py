@@ -65,8 +65,6 @@ class Profile(NamedTuple):
     needs_stream: bool
     stream_timeout_s: float
     on_timeout: str
-    attitude_hz: float
-    position_hz: float
     mode_hz: float
     earth_radius_m: float
 
@@ -113,8 +111,6 @@ PROFILES: Final[dict[str, Profile]] = {
             needs_stream=True,
             stream_timeout_s=1.0,  # COM_OF_LOSS_T
             on_timeout="COM_OBL_RC_ACT (default: position mode); the intended mode stays offboard",
-            attitude_hz=50.0,
-            position_hz=50.0,
             mode_hz=10.0,  # HEARTBEAT shows a mode change up to 1 s late, and only CURRENT_MODE the intended
             earth_radius_m=6371000.0,  # CONSTANTS_RADIUS_OF_EARTH
         ),
@@ -148,8 +144,6 @@ PROFILES: Final[dict[str, Profile]] = {
             needs_stream=False,
             stream_timeout_s=3.0,
             on_timeout="stops and stays in guided",
-            attitude_hz=50.0,
-            position_hz=50.0,
             mode_hz=0.0,  # HEARTBEAT comes at once with a mode change
             earth_radius_m=6378100.0,  # RADIUS_OF_EARTH
         ),

@@ -25,6 +25,7 @@ def link_record(link: AutopilotLink, now_ns: int) -> Link:
         lost=link.sequence.lost,
         reboots=link.reboots,
         round_trip_s=link.clock.round_trip_s,
+        uplink_age_s=link.uplink_age_s(now_ns),
         clock_offset_ns=link.clock.offset_ns(now_ns) if known else None,
         clock_drift_ppm=link.clock.drift_ppm if known else None,
         streams=link.streams.status(now_ns),

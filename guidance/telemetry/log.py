@@ -28,6 +28,10 @@ _T = TypeVar("_T")
 
 #: Name of the metadata record that every log of ours carries.
 METADATA_NAME: Final = "guidance"
+#: Name of the last metadata record, by which the recorder says that it closed the log. Its one field says why
+#: the log had to end before the run did; empty if it did not.
+END_NAME: Final = "guidance.end"
+ENDED_EARLY: Final = "ended_early"
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _PREFIX: Final = struct.Struct("<BQ")  # opcode, length
@@ -45,10 +49,10 @@ class NotALog(Exception):  # noqa: N818
 
 
 class LogDamaged(Exception):  # noqa: N818
-    """`path` is a log, but ends or is broken at byte `offset`; everything before has been delivered."""
+    """`path` is a log, but ends early or is broken at byte `offset`; everything before was delivered."""
 
     def __init__(self, path: Path, offset: int, why: str) -> None:
-        super().__init__(f"{path}: damaged at byte {offset}: {why}")
+        super().__init__(f"{path}: incomplete from byte {offset} on: {why}")
         self.path = path
         self.offset = offset
         self.why = why
@@ -59,8 +63,9 @@ def read_log(path: Path) -> Iterator[tuple[str, bytes]]:
 
     Raises:
         NotALog: at once, when there is no such file or it is no MCAP file.
-        LogDamaged: in place of the first message that cannot be read; a log that was not closed (crash, power
-            cut, full disk) delivers all that reached the disk and then raises this.
+        LogDamaged: in place of the first message that cannot be read. A log that was not closed (crash, power
+            cut, full disk), or was closed before the run ended (disk nearly full), delivers all that reached
+            the disk and then raises this; so does one that does not say how it ended.
     """
     _check_magic(path)
     return _messages(path)
@@ -126,17 +131,26 @@ def _records(path: Path, decoders: dict[str, msgspec.json.Decoder[Record]]) -> I
 
 def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
     reader = _ChunkReader(path)
+    ended_early: str | None = None
+    offset = 0
     for opcode, offset, body in _outer_records(path):
         if opcode == Opcode.CHUNK:
             yield from reader.messages(offset, _unpack_chunk(path, offset, body))
         elif opcode in (Opcode.MESSAGE, Opcode.CHANNEL):
             yield from reader.messages(offset, _PREFIX.pack(opcode, len(body)) + body)
-        elif opcode == Opcode.METADATA and _parse(path, offset, Metadata.read, body).name == METADATA_NAME:
-            reader.numbered = True
+        elif opcode == Opcode.METADATA:
+            metadata = _parse(path, offset, Metadata.read, body)
+            reader.numbered |= metadata.name == METADATA_NAME
+            if metadata.name == END_NAME:
+                ended_early = metadata.metadata.get(ENDED_EARLY)
         elif opcode == Opcode.STATISTICS and reader.numbered:
             missing = _parse(path, offset, Statistics.read, body).message_count - reader.count
             if missing:
                 raise LogDamaged(path, offset, f"the last {missing} messages are missing")
+    if reader.numbered and ended_early is None:
+        raise LogDamaged(path, offset, "it does not say how it ended: our recorder did not close it")
+    if ended_early:
+        raise LogDamaged(path, offset, f"the recorder ended it here: {ended_early}")
 
 
 class _ChunkReader:

@@ -3,7 +3,8 @@
 Written so that a crash costs at most `flush_s` of flight: small chunks, each handed to the operating system
 whole, the first one (which carries schemas and channels) at once. Written so that a log never lies: samples
 appear in the order in which they were offered, and where some had to be dropped a `lost` record says how
-many. A full disk or a failing write ends the log, says so, and costs nothing but the log.
+many. A disk that is nearly full or fails ends the log, says so, and costs nothing but the log; a reader finds
+that out too: only a log that holds the whole run ends with the word that it does.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from guidance.records import SCHEMA_VERSION, TOPICS, Lost
+from guidance.telemetry.log import END_NAME, ENDED_EARLY, METADATA_NAME
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.schema import RECORDS, json_schema, schema_name
 from guidance.telemetry.worker import ThreadedSink
@@ -65,6 +67,8 @@ class _McapWriter(Protocol):
     def add_message(
         self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int
     ) -> None: ...
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None: ...
 
     def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int: ...
 
@@ -114,7 +118,7 @@ class Recorder(ThreadedSink):
         capacity_bytes: bytes of payload that may wait for the disk.
         chunk_bytes: size of a chunk before compression; bounds the time of the slice that closes it.
         flush_s: a chunk is closed and written after this time at the latest, s.
-        min_free_bytes: the log is closed in good order when the disk has less room than this.
+        min_free_bytes: the log is closed, marked as ended early, when the disk has less room than this.
     """
 
     def __init__(
@@ -178,7 +182,9 @@ class Recorder(ThreadedSink):
     def _open(self) -> None:
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
-            if self._short_of_space():
+            short = self._short_of_space()
+            if short:
+                self._stop_for_space(short)
                 return
             self._file = self._open_file(self._path)
         except OSError as error:
@@ -189,7 +195,7 @@ class Recorder(ThreadedSink):
             return
         writer = Writer(self._outbox, chunk_size=self._chunk_bytes, compression=CompressionType.ZSTD)
         writer.start(profile="", library=f"guidance schema {SCHEMA_VERSION}")
-        writer.add_metadata("guidance", self._metadata)
+        writer.add_metadata(METADATA_NAME, self._metadata)
         for topic in RECORDS:
             schema_id = writer.register_schema(schema_name(topic), "jsonschema", json_schema(topic))
             self._channels[topic] = writer.register_channel(f"/{topic}", "json", schema_id)
@@ -235,8 +241,18 @@ class Recorder(ThreadedSink):
             self._write_out()
         if now_ns - self._space_checked_ns >= _CHECK_SPACE_NS:
             self._space_checked_ns = now_ns
-            if self._short_of_space():
-                self._end()
+            self._check_space()
+
+    def _check_space(self) -> None:
+        """End the log while there is still room for its end."""
+        try:
+            short = self._short_of_space()
+        except OSError as error:  # the directory was removed or the disk was taken out
+            self._give_up(f"{error.strerror or error}")
+            return
+        if short:
+            self._stop_for_space(short)
+            self._end(short)
 
     def _write_out(self) -> None:
         """Hand the closed chunks to the operating system; ends the log if it refuses them."""
@@ -271,15 +287,15 @@ class Recorder(ThreadedSink):
         self._discarded += self._unwritten
         self._unwritten = 0
 
-    def _short_of_space(self) -> bool:
+    def _short_of_space(self) -> str:
+        """What is wrong with the free space, empty if nothing is; raises OSError if the disk cannot tell."""
         free = self._free_bytes(self._directory)
         if free >= self._min_free_bytes:
-            return False
-        self._trouble = (
-            f"no log is written any more: {free >> 20} MiB free on {self._directory}, "
-            f"{self._min_free_bytes >> 20} MiB must stay free; delete old logs, then restart the service"
-        )
-        return True
+            return ""
+        return f"{free >> 20} MiB free on {self._directory}, {self._min_free_bytes >> 20} MiB must stay free"
+
+    def _stop_for_space(self, short: str) -> None:
+        self._trouble = f"no log is written any more: {short}; delete old logs, then restart the service"
 
     def _finish(self) -> bool:
         if self._writer is None:
@@ -289,10 +305,12 @@ class Recorder(ThreadedSink):
             self._mark_lost(self._clock_ns(), lost)
         return self._end()
 
-    def _end(self) -> bool:
-        """Close the log in good order: last chunk, summary, footer."""
+    def _end(self, ended_early: str = "") -> bool:
+        """Close the log in good order: last chunk, the word how it ended, summary, footer."""
         if self._writer is None:
             return False
+        self._writer.flush()
+        self._writer.add_metadata(END_NAME, {ENDED_EARLY: ended_early})
         self._writer.finish()
         self._writer = None
         self._write_out()

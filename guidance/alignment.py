@@ -25,8 +25,9 @@ between the two, plus the turn rate of d itself, omega = d x d' = d x Xr'/|Xr|:
 
 With rho2 = rho3 = rho and no limits theta' = -rho theta, exactly and from every attitude but the opposite
 one, whatever reference and speed do: what omega adds to b1 and to d is the same. (Its part along b1 would
-only roll.) With rho2 != rho3, theta still decreases. Near alignment theta/sin(theta) = 1 and this is (11),
-the difference being of second order in theta. What has no direction is decided as follows:
+only roll.) With rho2 != rho3, theta still decreases. Near alignment theta/sin(theta) = 1 and this is (11);
+what differs vanishes with theta: theta <Xr', X4>/|beta Xr|, which (11) leaves to y4, and terms in theta^2.
+What has no direction is decided as follows:
 
 - b1 exactly opposite to the field: it turns to the right (yaw), at rho3 pi.
 - |Xr| below FIELD_MIN_M_S: the rates fade in proportion, so that they are zero at Xr = 0 (the heading is

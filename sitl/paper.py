@@ -194,7 +194,7 @@ def report(number: int, step_s: float = STEP_S, sample_s: float = SAMPLE_S) -> d
 
 def _parameters(problem: Problem, step_s: float, sample_s: float) -> dict[str, Any]:
     size = 2 if problem.in_plane else 3
-    limits = problem.limits._asdict()
+    limits = dict(zip(Limits._fields[:5], problem.limits, strict=False))  # section 4 has no others
     return {
         "caption": problem.caption,
         "space": "SE(2)" if problem.in_plane else "SE(3)",

@@ -52,7 +52,6 @@ class Memory:
         self.records: list[Record] = []
         self.dropped = 0
         self.problem = ""
-        self.healthy = True
         self._ring = ring
 
     def offer(self, sample: Sample) -> None:

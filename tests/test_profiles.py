@@ -212,7 +212,7 @@ def test_the_configuration_names_a_profile_and_a_mode_to_leave_to() -> None:
     assert profile_of(make_config()) is UUV
     assert profile_of(make_config(*ROVER)) is BOAT
     for override, text in (
-        ("vehicle.profile=zeppelin", 'must be one of "ardupilot-rover", "px4-uuv"'),
+        ("vehicle.profile=zeppelin", 'must be "ardupilot-rover" or "px4-uuv"'),
         ("supervisor.exit_mode=offboard", "not a mode that px4-uuv can be left in"),
         ("supervisor.exit_mode=smart_rtl", 'must be one of "manual", "altitude"'),
     ):

@@ -25,11 +25,6 @@ from tests.pilot import Pilot
 DEPLOY: Final = Path(__file__).parents[1] / "deploy"
 EXAMPLES: Final = sorted(DEPLOY.glob("*.toml"))
 EACH: Final = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-#: Tables that are one of several: their name in front of the keys of each.
-CHOICES: Final[dict[str, dict[str, Any]]] = {
-    "trajectory": dict(TRAJECTORIES),
-    "law.error_function": dict(ERROR_FUNCTIONS),
-}
 #: How a unit at the end of a key is written in its comment.
 UNITS: Final = {
     "_m": "m",

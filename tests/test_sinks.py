@@ -1,4 +1,7 @@
-"""Sinks that hang or fail: neither the setpoints nor the memory change."""
+"""Sinks that hang or fail keep within their bounds and say so once; the records are the same without them.
+
+Time is virtual here, so nothing is learnt about delays: that is for test_service_sinks.py, in real time.
+"""
 
 from __future__ import annotations
 
@@ -116,7 +119,7 @@ def fly(sinks: Sinks | None) -> tuple[list[int], int]:
 
 
 @pytest.mark.parametrize("trouble", [stuck_disk, full_disk, absent_router, unread_terminal])
-def test_a_sink_in_trouble_changes_no_setpoint_and_keeps_within_its_bounds(
+def test_a_sink_in_trouble_changes_nothing_that_the_core_decides_and_keeps_within_its_bounds(
     trouble: Callable[[Path], object], tmp_path: Path
 ) -> None:
     undisturbed, count = fly(None)

@@ -40,12 +40,11 @@ _DATA_END_BYTES: Final = 4
 
 
 class NotALog(Exception):  # noqa: N818
-    """`path` is not a log that this version can read; `why` says what it is instead."""
+    """`path` is not a log that this version can read; the text says what it is instead."""
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(f"{path}: not a readable flight log: {why}")
         self.path = path
-        self.why = why
 
 
 class LogDamaged(Exception):  # noqa: N818

@@ -39,10 +39,6 @@ class Sink(Protocol):
         """Samples that were offered and will never be written, since the start."""
 
     @property
-    def healthy(self) -> bool:
-        """False while there is a `problem`."""
-
-    @property
     def problem(self) -> str:
         """What is wrong and what to do about it, for an operator; empty if nothing is."""
 
@@ -111,11 +107,6 @@ class ThreadedSink(ABC):
     def dropped(self) -> int:
         """Samples that were offered and will never be written, since the start."""
         return self._queue.dropped + self._discarded
-
-    @property
-    def healthy(self) -> bool:
-        """False while there is a `problem`."""
-        return not self.problem
 
     @property
     def problem(self) -> str:

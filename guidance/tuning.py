@@ -69,11 +69,6 @@ class BoundedApart(_ErrorFunction, frozen=True, kw_only=True, tag="bounded-apart
 
 ErrorFunction = Quadratic | KOfR | Bounded | BoundedApart
 
-#: Name in the configuration -> Struct.
-ERROR_FUNCTIONS: Final[dict[str, type[ErrorFunction]]] = {
-    str(kind.__struct_config__.tag): kind for kind in (Quadratic, KOfR, Bounded, BoundedApart)
-}
-
 
 class LawConfig(Section, frozen=True, kw_only=True):
     """Which law, and the gains of (11) and (14); lambda = 1 / beta."""

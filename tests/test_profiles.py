@@ -214,7 +214,7 @@ def test_the_configuration_names_a_profile_and_a_mode_to_leave_to() -> None:
     for override, text in (
         ("vehicle.profile=zeppelin", 'must be "ardupilot-rover" or "px4-uuv"'),
         ("supervisor.exit_mode=offboard", "not a mode that px4-uuv can be left in"),
-        ("supervisor.exit_mode=smart_rtl", 'must be one of "manual", "altitude"'),
+        ("supervisor.exit_mode=smart_rtl", 'must be "manual", "altitude"'),
     ):
         with pytest.raises(ConfigError, match=text):
             make_config(override)

@@ -10,7 +10,6 @@ burst of old datagrams is read to its end before a single setpoint is computed f
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
@@ -26,6 +25,7 @@ from guidance.mavlink.messages import (
     CurrentMode,
     Heartbeat,
     LocalPositionNed,
+    NamedValueFloat,
     StatusText,
 )
 from guidance.mavlink.profiles import (
@@ -36,21 +36,19 @@ from guidance.mavlink.profiles import (
     set_mode_command,
 )
 from guidance.mavlink.report import absence, link_record
-from guidance.mavlink.streams import Stream
+from guidance.mavlink.streams import wanted_streams
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
 from guidance.reporting import setpoint_records, state_record, status_record
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
 from guidance.timing import LoopTiming
 from guidance.tracker import Solution, Tracker, is_usable
+from guidance.tuning import ALLOCATIONS
 from guidance.view import View
+from guidance.words import SEVERITY, Words
 
-#: Attitude and position are asked for at the setpoints' rate, or its smallest multiple of at least this.
-STATE_HZ_MIN: Final = 20.0
 #: A new attitude is used when this part of the period has passed: data that is a little early is not late.
 NEARLY: Final = 0.8
-#: Of the autopilot's STATUSTEXTs so many a second become events; a flood tells nobody anything.
-TEXTS_PER_S_MAX: Final = 10
 #: Without a new attitude, prediction fills in after this many periods.
 FILL_IN: Final = 1.5
 
@@ -60,18 +58,6 @@ _REPORTS_NS: Final = {
     "status": 200_000_000,
     "link": 500_000_000,
     "timing": 1_000_000_000,
-}
-_SEVERITY: Final = {
-    Level.INFO: dialect.MAV_SEVERITY_INFO,
-    Level.NOTICE: dialect.MAV_SEVERITY_NOTICE,
-    Level.WARNING: dialect.MAV_SEVERITY_WARNING,
-    Level.ERROR: dialect.MAV_SEVERITY_ERROR,
-    Level.CRITICAL: dialect.MAV_SEVERITY_CRITICAL,
-}
-_LEVELS: Final = {
-    dialect.MAV_SEVERITY_EMERGENCY: Level.CRITICAL,
-    dialect.MAV_SEVERITY_ALERT: Level.CRITICAL,
-    **{severity: level for level, severity in _SEVERITY.items()},
 }
 _LOUD: Final = frozenset({State.HANDED_OVER, State.ABORTED, State.WITHHELD})
 _COMMANDS: Final = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
@@ -87,7 +73,12 @@ class Guide:
             config.vehicle.system_id,
             config.vehicle.component_id,
             config.link.heartbeat_timeout_s,
-            self._wanted_streams(),
+            wanted_streams(
+                config.link.rate_hz,
+                config.link.attitude_timeout_s,
+                config.link.position_timeout_s,
+                self.profile.mode_hz,
+            ),
         )
         self.engagement = Engagement(config.supervisor, self.profile)
         self.tracker = Tracker(config, self.profile)
@@ -107,22 +98,8 @@ class Guide:
         self._started_ns: int | None = None
         self._watch_ns = 0
         self._reboots = 0
-        self._answer = ""
-        self._complaint = ""
-        self._said = (0, 0)
+        self._words = Words()
         self._silent_because = ""
-
-    def _wanted_streams(self) -> list[Stream]:
-        link, mode_hz = self.config.link, self.profile.mode_hz
-        state_hz = link.rate_hz * math.ceil(STATE_HZ_MIN / link.rate_hz)
-        streams = [
-            Stream("ATTITUDE_QUATERNION", state_hz, alive_s=link.attitude_timeout_s),
-            Stream("LOCAL_POSITION_NED", state_hz, alive_s=link.position_timeout_s),
-            Stream("ATTITUDE", state_hz, alive_s=link.attitude_timeout_s, instead_of="ATTITUDE_QUATERNION"),
-        ]
-        if mode_hz:
-            streams.append(Stream("CURRENT_MODE", mode_hz, alive_s=3.0, insist=False))
-        return streams
 
     # Inputs ------------------------------------------------------------------------------------------
 
@@ -203,25 +180,16 @@ class Guide:
             stream.arrived(now_ns, valid=True)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
             self.engagement.answered(body, now_ns)
-            if body.result != dialect.MAV_RESULT_ACCEPTED:
-                entry = dialect.enums["MAV_RESULT"].get(body.result)
-                self._answer = str(body.result) if entry is None else entry.name.removeprefix("MAV_RESULT_")
+            self._words.acknowledged(body)
         elif isinstance(body, StatusText):
-            self._heard(body, now_ns)
+            event = self._words.said(body, now_ns)
+            self.link.counters["texts_not_shown"] = self._words.not_shown
+            if event is not None:
+                self._records.append(event)
+        elif isinstance(body, NamedValueFloat):
+            self._reported(body, now_ns)
         elif isinstance(body, Heartbeat | CurrentMode):
             self._watch_ns = now_ns  # look at once, the pilot may have switched
-
-    def _heard(self, said: StatusText, now_ns: int) -> None:
-        """The autopilot speaks to people: an event, and perhaps why it refuses what was commanded."""
-        second = now_ns // 1_000_000_000
-        self._said = (second, self._said[1] + 1 if self._said[0] == second else 1)
-        if self._said[1] > TEXTS_PER_S_MAX:
-            self.link.counters["texts_not_shown"] += 1
-            return
-        text = said.text.rstrip(b"\0").decode("utf-8", "replace")
-        self._event(_LEVELS.get(said.severity, Level.INFO), "autopilot", f"autopilot: {text}", now_ns)
-        if said.severity <= dialect.MAV_SEVERITY_WARNING:
-            self._complaint = text
 
     def _take_sample(
         self, name: str, body: AttitudeQuaternion | Attitude | LocalPositionNed, now_ns: int
@@ -261,6 +229,16 @@ class Guide:
             self._event(Level.NOTICE, "engage", "engage commanded", now_ns)
         else:
             self._event(Level.WARNING, "engage_refused", refused, now_ns)
+
+    def _reported(self, value: NamedValueFloat, now_ns: int) -> None:
+        """The vehicle reports which rates it has left: NAMED_VALUE_FLOAT "ALLOC", 0, 1 or 2."""
+        if value.name.rstrip(b"\0") != b"ALLOC":
+            return
+        name = next((name for name, number in ALLOCATIONS.items() if number == value.value), None)
+        if name is None:
+            self.link.counters["NAMED_VALUE_FLOAT:unknown_allocation"] += 1
+        elif name != self.tracker.allocation:
+            self._allocate(name, now_ns)
 
     def _allocate(self, name: str, now_ns: int) -> None:
         """An actuator failed, or works again: turn with these from the next setpoint on."""
@@ -314,10 +292,10 @@ class Guide:
         loud = change.after in _LOUD
         level = Level.WARNING if loud else Level.NOTICE
         self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
-        self.link.status_text(_SEVERITY[level], status_text(change.after, change.event, change.reason))
+        self.link.status_text(SEVERITY[level], status_text(change.after, change.event, change.reason))
         self._next_report_ns["status"] = now_ns
         if change.after in (State.STREAMING, State.SWITCHING, State.ARMING, State.LEAVING):
-            self._answer = ""
+            self._words.forget()
         if SETPOINTS[change.after] is Setpoints.NONE or SETPOINTS[change.before] is Setpoints.NONE:
             self.timing.paused()
             self._due_ns = now_ns
@@ -336,9 +314,10 @@ class Guide:
             blocked=blocked,
             setpoints_sent=self.setpoints_sent,
             silent_s=float("inf") if self._sent_ns is None else (now_ns - self._sent_ns) * 1e-9,
-            answer=self._answer,
+            answer=self._words.answer,
             heartbeat_ns=link.heartbeat_ns,
             unheard_s=self.engagement.contact.unheard_s,
+            unanswered_s=link.uplink_age_s(now_ns) or 0.0,
             certain=self.engagement.contact.certain,
         )
 

@@ -112,7 +112,7 @@ def replay(path: Path) -> Replay:
 
 
 def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
-    """The log's messages; a damaged end becomes a last line without a topic that says so."""
+    """The log's messages; an early or damaged end becomes a last line without a topic that says so."""
     try:
         yield from read_log(path)
     except LogDamaged as error:

@@ -21,6 +21,12 @@ from guidance.records import SCHEMA_VERSION, Command, Session
 from guidance.shell import Shell
 from guidance.telemetry.sinks import configured_sinks
 
+#: An actuator failed, or works again: SIGRTMIN + i (`kill -s RTMIN+1`) commands the i-th.
+ALLOCATION_COMMANDS: Final = (
+    Command.ALLOCATE_PITCH_YAW,
+    Command.ALLOCATE_ROLL_PITCH,
+    Command.ALLOCATE_ROLL_YAW,
+)
 #: The sinks' threads give the interpreter back at least this often (default 5 ms).
 SWITCH_INTERVAL_S: Final = 0.0005
 #: All sinks together have this long to write what waits when the service stops.
@@ -57,6 +63,8 @@ async def _serve(config: Config) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop)
     loop.add_signal_handler(signal.SIGUSR1, shell.command, Command.ENGAGE)
+    for offset, command in enumerate(ALLOCATION_COMMANDS):
+        loop.add_signal_handler(signal.SIGRTMIN + offset, shell.command, command)
     sinks.start()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     gc.collect()

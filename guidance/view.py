@@ -8,6 +8,9 @@ from guidance.mavlink.profiles import Profile
 
 #: More silence than this counts, or half the firmware's own time-out if that is less.
 SILENCE_S: Final = 0.75
+#: Setpoints that nobody answers for longer do not arrive. (A question goes out 20 times a second: with 30 %
+#: of loss each way so many unanswered ones running come once in a day of flight.)
+UNANSWERED_S: Final = 1.0
 
 
 class View(NamedTuple):
@@ -15,7 +18,8 @@ class View(NamedTuple):
 
     `intended_mode` is None where nobody says it: then the control mode cannot be excluded. `silent_s` is the
     time since the last setpoint; `answer` the last refusal of a mode or arming command; `heartbeat_ns` the
-    instant of the last HEARTBEAT. `unheard_s` and `certain` are `Contact`'s.
+    instant of the last HEARTBEAT. `unheard_s` and `certain` are `Contact`'s; `unanswered_s` is the age of the
+    newest packet of ours that the autopilot has answered: what was sent since may never have arrived.
     """
 
     connected: bool
@@ -30,6 +34,7 @@ class View(NamedTuple):
     heartbeat_ns: int
     unheard_s: float
     certain: bool
+    unanswered_s: float = 0.0
 
 
 class Contact:
@@ -84,12 +89,15 @@ class Attempt:
             return None  # nothing is under way yet that could be interrupted
         began_s = (now_ns - self._began_ns) * 1e-9
         silent_s, unheard_s = min(view.silent_s, began_s), min(view.unheard_s, began_s)
-        if max(silent_s, unheard_s) <= self._limit_s:
+        unanswered_s = min(view.unanswered_s, began_s)
+        if max(silent_s, unheard_s) <= self._limit_s and unanswered_s <= UNANSWERED_S:
             return None
         self.broken = True
         if silent_s > self._limit_s:
             return f"no setpoint for {silent_s:.2f} s" + (f" ({view.blocked})" if view.blocked else "")
-        return f"nothing heard of the autopilot for {unheard_s:.2f} s"
+        if unheard_s > self._limit_s:
+            return f"nothing heard of the autopilot for {unheard_s:.2f} s"
+        return f"the autopilot has answered nothing for {unanswered_s:.2f} s: does what is sent arrive?"
 
 
 def silence_limit_s(profile: Profile) -> float:

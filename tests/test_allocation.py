@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as dialect
 
 from guidance import se3
 from guidance.allocation import PITCH_YAW, ROLL_PITCH, ROLL_YAW, TURN_MIN_RAD_S, allocate
@@ -241,3 +242,20 @@ def test_the_law_global_flies_the_demo_in_lockstep_with_a_bounded_field() -> Non
     assert min(s.speed_m_s for s in sent) >= 0.0
     assert max(s.speed_m_s for s in sent) < 3.0 + sqrt(0.02)
     assert error_m(flight) < 0.01
+
+
+def test_the_vehicle_reports_that_an_actuator_failed() -> None:
+    """NAMED_VALUE_FLOAT "ALLOC" of the autopilot, as a script there sends it; anything else is counted."""
+    flight = make_flight()
+    fly_until_tracking(flight)
+    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    for value in (1.0, 1.0, 7.0, float("nan")):
+        flight.inject(bytes(dialect.MAVLink_named_value_float_message(0, b"ALLOC", value).pack(mav)))
+        mav.seq += 1
+    flight.inject(bytes(dialect.MAVLink_named_value_float_message(0, b"OTHER", 2.0).pack(mav)))
+    assert flight.guide.tracker.allocation == "roll-pitch"
+    assert events_of(flight, "allocated") == ["turning by roll-pitch"]
+    assert flight.guide.link.counters["NAMED_VALUE_FLOAT:unknown_allocation"] == 2
+    stranger = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+    flight.inject(bytes(dialect.MAVLink_named_value_float_message(0, b"ALLOC", 2.0).pack(stranger)))
+    assert flight.guide.tracker.allocation == "roll-pitch"

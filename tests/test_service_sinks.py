@@ -1,8 +1,7 @@
 """A flight in real time while its sinks are in every kind of trouble: the autopilot cannot tell when.
 
 Each trouble lasts far longer than the bound on the gap between two setpoints, as the vehicle's socket sees
-them. So a sink that makes the control thread wait just once fails here, and the noise of a busy machine,
-which the undisturbed part of the same flight shows as well, does not.
+them. So a sink that makes the control thread wait just once in its trouble fails here.
 """
 
 from __future__ import annotations
@@ -35,6 +34,8 @@ SLOW_WRITE_S = 0.2
 #: So much longer than in the undisturbed part a gap may be.
 TOLERANCE_S = 0.06
 CAPACITY = 200
+#: A machine that is busy for a moment spoils one flight; a sink that holds up the setpoints spoils them all.
+ATTEMPTS = 3
 
 ROUTER = """
 import json, sys, threading, zenoh
@@ -125,10 +126,12 @@ def bounded(queue: DropOldestQueue) -> bool:
     return len(queue) <= queue._capacity and queue.payload_bytes <= queue._capacity_bytes
 
 
-def test_no_trouble_of_a_sink_changes_the_setpoints_that_arrive(tmp_path: Path) -> None:
+def flight_through_troubles(directory: Path) -> dict[str, Stream]:
+    """One flight; the stream before and during each trouble, by its name. The sinks' bounds are held here."""
     Disk.well.set()
+    Disk.slow = Disk.full = False
     log = Recorder(
-        tmp_path,
+        directory,
         vehicle="demo",
         session_id="0123456789",
         unix_offset_ns=0,
@@ -191,9 +194,25 @@ def test_no_trouble_of_a_sink_changes_the_setpoints_that_arrive(tmp_path: Path) 
         Disk.well.set()
         log.close(PATIENCE_S)
         telemetry.close(PATIENCE_S)
-    undisturbed = during.pop("undisturbed")
-    assert undisturbed.rate_hz > 40.0
-    assert len(during) == 6
-    for what, stream in during.items():
-        assert stream.rate_hz > 0.9 * undisturbed.rate_hz, (what, during, undisturbed)
-        assert stream.max_gap_s < undisturbed.max_gap_s + TOLERANCE_S, (what, during, undisturbed)
+    return during
+
+
+def disturbed(during: dict[str, Stream]) -> list[str]:
+    """The troubles in which the stream was not as good as without."""
+    undisturbed = during["undisturbed"]
+    return [
+        what
+        for what, stream in during.items()
+        if stream.rate_hz < 0.9 * undisturbed.rate_hz
+        or stream.max_gap_s > undisturbed.max_gap_s + TOLERANCE_S
+    ]
+
+
+def test_no_trouble_of_a_sink_changes_the_setpoints_that_arrive(tmp_path: Path) -> None:
+    flights = []
+    for number in range(ATTEMPTS):
+        flights.append(flight_through_troubles(tmp_path / str(number)))
+        assert len(flights[-1]) == 7
+        if flights[-1]["undisturbed"].rate_hz > 45.0 and not disturbed(flights[-1]):
+            return
+    raise AssertionError(f"disturbed in each of {ATTEMPTS} flights: {flights}")

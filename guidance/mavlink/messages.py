@@ -107,6 +107,13 @@ class StatusText(NamedTuple):
     text: bytes
 
 
+class NamedValueFloat(NamedTuple):
+    """NAMED_VALUE_FLOAT (251): what a script on the autopilot wants to say."""
+
+    name: bytes
+    value: float
+
+
 class CurrentMode(NamedTuple):
     """CURRENT_MODE (436, dialect `development`): the mode, and the one that the operator intends."""
 
@@ -125,6 +132,7 @@ Body = (
     | CommandAck
     | AutopilotVersion
     | StatusText
+    | NamedValueFloat
     | CurrentMode
 )
 
@@ -139,6 +147,7 @@ _READ: Final[dict[str, type[Body]]] = {
     "COMMAND_ACK": CommandAck,
     "AUTOPILOT_VERSION": AutopilotVersion,
     "STATUSTEXT": StatusText,
+    "NAMED_VALUE_FLOAT": NamedValueFloat,
     "CURRENT_MODE": CurrentMode,
 }
 

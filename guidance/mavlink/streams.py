@@ -7,6 +7,7 @@ request is repeated while the rate is not met and lowered when it is denied.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from typing import Final
@@ -20,6 +21,9 @@ SATISFIED: Final = 0.8
 #: A denied rate is lowered to this part of itself, and never below the slowest useful one.
 LOWERED: Final = 0.8
 SLOWEST_HZ: Final = 5.0
+
+#: Attitude and position are asked for at the setpoints' rate, or its smallest multiple of at least this.
+STATE_HZ_MIN: Final = 20.0
 
 _WINDOW_NS: Final = 1_000_000_000
 _ALIVE_NS: Final = 500_000_000
@@ -182,3 +186,18 @@ class Streams:
     def status(self, now_ns: int) -> tuple[StreamStatus, ...]:
         """The verdicts of all."""
         return tuple(stream.status(now_ns) for stream in self._by_message.values())
+
+
+def wanted_streams(
+    rate_hz: float, attitude_timeout_s: float, position_timeout_s: float, mode_hz: float
+) -> list[Stream]:
+    """What setpoints at `rate_hz` need; CURRENT_MODE only where `mode_hz` is not 0."""
+    state_hz = rate_hz * math.ceil(STATE_HZ_MIN / rate_hz)
+    streams = [
+        Stream("ATTITUDE_QUATERNION", state_hz, alive_s=attitude_timeout_s),
+        Stream("LOCAL_POSITION_NED", state_hz, alive_s=position_timeout_s),
+        Stream("ATTITUDE", state_hz, alive_s=attitude_timeout_s, instead_of="ATTITUDE_QUATERNION"),
+    ]
+    if mode_hz:
+        streams.append(Stream("CURRENT_MODE", mode_hz, alive_s=3.0, insist=False))
+    return streams

@@ -114,7 +114,7 @@ def test_a_vehicle_whose_clock_is_lost_gets_no_setpoint(monkeypatch: pytest.Monk
     lost_ns = flight.now_ns
     flight.run(8.0)
     sent = setpoints_since(flight, lost_ns)
-    assert 4.9e9 < sent[-1] - lost_ns < 5.4e9
+    assert 0.9e9 < sent[-1] - lost_ns < 1.1e9  # nothing of ours is answered: that it arrives is not known
     assert state_of(flight) is Supervisor.HANDED_OVER
     assert flight.guide.link.counters["ATTITUDE_QUATERNION:before_time_sync"] > 50
 

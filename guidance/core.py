@@ -37,13 +37,13 @@ from guidance.mavlink.profiles import (
 )
 from guidance.mavlink.report import absence, link_record
 from guidance.mavlink.streams import wanted_streams
+from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
-from guidance.reporting import setpoint_records, state_record, status_record
+from guidance.reporting import Cadence, setpoint_records, state_record, status_record
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
 from guidance.timing import LoopTiming
 from guidance.tracker import Solution, Tracker, is_usable
-from guidance.tuning import ALLOCATIONS
 from guidance.view import View
 from guidance.words import SEVERITY, Words
 
@@ -53,12 +53,6 @@ NEARLY: Final = 0.8
 FILL_IN: Final = 1.5
 
 _WATCH_NS: Final = 50_000_000
-_REPORTS_NS: Final = {
-    "state": 100_000_000,  # where no setpoint says it
-    "status": 200_000_000,
-    "link": 500_000_000,
-    "timing": 1_000_000_000,
-}
 _LOUD: Final = frozenset({State.HANDED_OVER, State.ABORTED, State.WITHHELD})
 _COMMANDS: Final = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
 
@@ -86,7 +80,7 @@ class Guide:
         self.setpoints_sent = 0
         self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it
         self._estimator = Estimator()
-        self._next_report_ns = dict.fromkeys(_REPORTS_NS, 0)
+        self._cadence = Cadence()
         self._records: list[Record] = []
         self._packets: list[bytes] = []
         self._input_seq = 0
@@ -133,7 +127,9 @@ class Guide:
             case InputKind.TICK:
                 self._tick(now_ns)
             case InputKind.COMMAND:
-                self._obey(Command(event.text), now_ns)
+                self._watch_ns = now_ns
+                told = obey(Command(event.text), self.engagement, self.tracker, now_ns)
+                self._tell(told)
             case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
                 level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
                 self._event(level, event.kind, event.text, now_ns)
@@ -182,12 +178,10 @@ class Guide:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)
         elif isinstance(body, StatusText):
-            event = self._words.said(body, now_ns)
+            self._tell(self._words.said(body, now_ns))
             self.link.counters["texts_not_shown"] = self._words.not_shown
-            if event is not None:
-                self._records.append(event)
         elif isinstance(body, NamedValueFloat):
-            self._reported(body, now_ns)
+            self._tell(reported(body, self.tracker, self.link.counters, now_ns))
         elif isinstance(body, Heartbeat | CurrentMode):
             self._watch_ns = now_ns  # look at once, the pilot may have switched
 
@@ -198,12 +192,7 @@ class Guide:
             refused: str | None = "before_time_sync"
         else:
             instant_ns = self.link.clock.to_local_ns(body.time_boot_ms * 1_000_000)
-            if isinstance(body, AttitudeQuaternion):
-                refused = self._estimator.take_quaternion(body, instant_ns, now_ns)
-            elif isinstance(body, Attitude):
-                refused = self._estimator.take_euler(body, instant_ns, now_ns)
-            else:
-                refused = self._estimator.take_position(body, instant_ns, now_ns)
+            refused = self._estimator.take(body, instant_ns, now_ns)
         if refused == "not_needed":
             return
         stream = self.link.streams.get(name)
@@ -215,41 +204,6 @@ class Guide:
         elif not isinstance(body, LocalPositionNed) and now_ns >= nearly_ns:
             self._due_ns = min(self._due_ns, now_ns)
 
-    def _obey(self, command: Command, now_ns: int) -> None:
-        self._watch_ns = now_ns
-        if command is Command.SHUTDOWN:
-            self.engagement.shutdown()
-            self._event(Level.NOTICE, "shutdown", "shutting down", now_ns)
-            return
-        if command is not Command.ENGAGE:
-            self._allocate(command.removeprefix("allocate-"), now_ns)
-            return
-        refused = self.engagement.engage(now_ns)
-        if refused is None:
-            self._event(Level.NOTICE, "engage", "engage commanded", now_ns)
-        else:
-            self._event(Level.WARNING, "engage_refused", refused, now_ns)
-
-    def _reported(self, value: NamedValueFloat, now_ns: int) -> None:
-        """The vehicle reports which rates it has left: NAMED_VALUE_FLOAT "ALLOC", 0, 1 or 2."""
-        if value.name.rstrip(b"\0") != b"ALLOC":
-            return
-        name = next((name for name, number in ALLOCATIONS.items() if number == value.value), None)
-        if name is None:
-            self.link.counters["NAMED_VALUE_FLOAT:unknown_allocation"] += 1
-        elif name != self.tracker.allocation:
-            self._allocate(name, now_ns)
-
-    def _allocate(self, name: str, now_ns: int) -> None:
-        """An actuator failed, or works again: turn with these from the next setpoint on."""
-        refused = self.tracker.allocate(name)
-        if refused is None:
-            self._event(Level.NOTICE, "allocated", f"turning by {name}", now_ns)
-        else:
-            why = f"{name} refused: {refused}"
-            self._event(Level.WARNING, "allocation_refused", why, now_ns)
-        self._next_report_ns["status"] = now_ns
-
     # Ticking -----------------------------------------------------------------------------------------
 
     def _tick(self, now_ns: int) -> None:
@@ -259,7 +213,7 @@ class Guide:
             self._supervise(now_ns)
         if self._streams() and now_ns >= self._due_ns:
             self._setpoint(now_ns)
-        self._report(now_ns)
+        self._records += filter(None, (self._periodic(name, now_ns) for name in self._cadence.due(now_ns)))
 
     def _streams(self) -> bool:
         """Whether setpoints flow in this state."""
@@ -293,7 +247,7 @@ class Guide:
         level = Level.WARNING if loud else Level.NOTICE
         self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
         self.link.status_text(SEVERITY[level], status_text(change.after, change.event, change.reason))
-        self._next_report_ns["status"] = now_ns
+        self._cadence.now("status")
         if change.after in (State.STREAMING, State.SWITCHING, State.ARMING, State.LEAVING):
             self._words.forget()
         if SETPOINTS[change.after] is Setpoints.NONE or SETPOINTS[change.before] is Setpoints.NONE:
@@ -357,22 +311,13 @@ class Guide:
         gap_s = self.timing.sent(due_ns, now_ns)
         if gap_s is not None:
             self._event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
-        self._next_report_ns["state"] = now_ns + _REPORTS_NS["state"]
+        self._cadence.told("state", now_ns)
         self._records += setpoint_records(estimate, solution, out, self.setpoints_sent)
 
     def _estimate(self, now_ns: int) -> Estimate | str:
         """The state at the instant that a setpoint sent now acts, or why there is none to be used."""
         estimate = self._estimator.at(now_ns + self._actuation_delay_ns)
         return young(estimate, self.config.link)
-
-    def _report(self, now_ns: int) -> None:
-        """The records that are due by time alone."""
-        for name, period_ns in _REPORTS_NS.items():
-            if now_ns >= self._next_report_ns[name]:
-                self._next_report_ns[name] = now_ns + period_ns
-                record = self._periodic(name, now_ns)
-                if record is not None:
-                    self._records.append(record)
 
     def _periodic(self, name: str, now_ns: int) -> Record | None:
         if name == "state":
@@ -388,6 +333,11 @@ class Guide:
         if not self._silent_because:  # once per silence, not at 50 Hz
             self._event(Level.WARNING, "silent", f"no setpoint: {reason}", now_ns)
         self._silent_because = reason
+
+    def _tell(self, event: Event | None) -> None:
+        if event is not None:
+            self._records.append(event)
+            self._cadence.now("status")
 
     def _event(self, level: Level, code: str, text: str, now_ns: int) -> None:
         self._records.append(Event(t_ns=now_ns, level=level, code=code, text=text))

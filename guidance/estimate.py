@@ -91,6 +91,16 @@ class Estimator:
         self.position = None
         self._quaternion = None
 
+    def take(
+        self, message: AttitudeQuaternion | Attitude | LocalPositionNed, instant_ns: int, now_ns: int
+    ) -> str | None:
+        """Whichever it is, measured at `instant_ns`."""
+        if isinstance(message, AttitudeQuaternion):
+            return self.take_quaternion(message, instant_ns, now_ns)
+        if isinstance(message, Attitude):
+            return self.take_euler(message, instant_ns, now_ns)
+        return self.take_position(message, instant_ns, now_ns)
+
     def take_quaternion(self, message: AttitudeQuaternion, instant_ns: int, now_ns: int) -> str | None:
         """ATTITUDE_QUATERNION (31), measured at `instant_ns`."""
         q = Quaternion(message.q1, message.q2, message.q3, message.q4)

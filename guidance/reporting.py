@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from guidance.engagement import Engagement
 from guidance.estimate import Estimate
 from guidance.mavlink.link import AutopilotLink
@@ -9,6 +11,36 @@ from guidance.mavlink.profiles import Outgoing
 from guidance.records import Record, Reference, Setpoint, State, Status, TrackingError
 from guidance.se3 import norm
 from guidance.tracker import Solution, Tracker
+
+#: Records that are due by time alone, and how often, ns; `state` only where no setpoint says it.
+PERIODS_NS: Final = {
+    "state": 100_000_000,
+    "status": 200_000_000,
+    "link": 500_000_000,
+    "timing": 1_000_000_000,
+}
+
+
+class Cadence:
+    """When each of them is due."""
+
+    def __init__(self) -> None:
+        self._next_ns = dict.fromkeys(PERIODS_NS, 0)
+
+    def due(self, now_ns: int) -> list[str]:
+        """The names of those due now, which are then told."""
+        due = [name for name, next_ns in self._next_ns.items() if now_ns >= next_ns]
+        for name in due:
+            self.told(name, now_ns)
+        return due
+
+    def told(self, name: str, now_ns: int) -> None:
+        """It was told now: the next one is due a period later."""
+        self._next_ns[name] = now_ns + PERIODS_NS[name]
+
+    def now(self, name: str) -> None:
+        """It has changed: tell it at once."""
+        self._next_ns[name] = 0
 
 
 def status_record(

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.mavlink.boot import BootClock, BootTime
 from guidance.mavlink.clock import ClockFilter
 from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
 from guidance.mavlink.messages import (
@@ -49,16 +50,10 @@ _STREAM_PERIOD_NS: Final = 100_000_000
 _QUESTIONS_KEPT: Final = 32
 #: An intended mode that was not said again for so long may have changed (PX4 says it twice a second).
 _INTENDED_OLD_NS: Final = 3_000_000_000
-#: `time_boot_ms` this far back, in all messages of so long a time, is a reboot and no late message.
-_REBOOT_BACK_MS: Final = 1000
-_REBOOT_AFTER: Final = 3
-_REBOOT_AFTER_NS: Final = 200_000_000
 #: A clock that TIMESYNC finds set back by more than this belongs to an autopilot that rebooted.
 _REBOOT_STEP_S: Final = 1.0
 #: Of so many other senders the heartbeats are told apart; the rest are only counted.
 _OTHERS_MAX: Final = 16
-#: A time may lie this far in the future, for what the clock filter does not know.
-FUTURE_NS: Final = 50_000_000
 
 #: The command was neither carried out nor refused for good.
 _NO_VERDICT: Final = (dialect.MAV_RESULT_TEMPORARILY_REJECTED, dialect.MAV_RESULT_IN_PROGRESS)
@@ -107,9 +102,7 @@ class AutopilotLink:
         self._heard_ns = 0
         self.sequence = SequenceWatch()
         self._mode_number = -1
-        self._newest_boot_ms: int | None = None
-        self._back_run = 0
-        self._back_since_ns = 0
+        self._boot = BootClock()
         self._recent: dict[int, Frame] = {}  # the last frame of each sequence number
         self._intended_ns = 0
         self._answered_ns: int | None = None
@@ -141,7 +134,7 @@ class AutopilotLink:
     @property
     def vehicle_time_ms(self) -> int | None:
         """The newest `time_boot_ms`."""
-        return self._newest_boot_ms
+        return self._boot.newest_ms
 
     def uplink_age_s(self, now_ns: int) -> float | None:
         """Since the newest packet of ours that the autopilot has proved to have got, by answering it."""
@@ -240,28 +233,20 @@ class AutopilotLink:
 
     def _boot_time(self, boot_ms: int, now_ns: int) -> bool:
         """Follow the autopilot's time since boot; False for a time that cannot be."""
-        if self.clock.synced(now_ns) and self.clock.to_local_ns(boot_ms * 1_000_000) > now_ns + FUTURE_NS:
-            self.counters["from_the_future"] += 1  # believing it would make all that follows look old
-            return False
-        if self._newest_boot_ms is not None and boot_ms < self._newest_boot_ms - _REBOOT_BACK_MS:
-            if self._back_run == 0:
-                self._back_since_ns = now_ns
-            self._back_run += 1
-            if self._back_run < _REBOOT_AFTER or now_ns - self._back_since_ns < _REBOOT_AFTER_NS:
-                self.counters["time_backwards"] += 1
-                return False
+        told = self._boot.take(boot_ms, self.clock, now_ns)
+        if told is BootTime.REBOOT:
             self.clock.reset()
             self._rebooted()
-        self._back_run = 0
-        self._newest_boot_ms = max(boot_ms, self._newest_boot_ms or 0)
-        return True
+            self._boot.newest_ms = boot_ms
+        elif told is not BootTime.GOOD:
+            self.counters[told.value] += 1
+        return told in (BootTime.GOOD, BootTime.REBOOT)
 
     def _rebooted(self) -> None:
         """The autopilot's clock started again: nothing that it said before holds any more."""
         self.reboots += 1
         self._questions.clear()
-        self._newest_boot_ms = None
-        self._back_run = 0
+        self._boot.reset()
         self.heartbeat = None
         self.custom_mode = None
         self.intended_mode = None

@@ -13,6 +13,7 @@ from typing import Annotated, cast
 import typer
 
 from sitl import paper as section_4
+from sitl.campaign.command import campaign
 from sitl.plant import PlantParameters
 from sitl.shell import ShellOptions, run
 from sitl.vehicle import Firmware, Origin, VehicleOptions
@@ -29,6 +30,11 @@ app = typer.Typer(
 @app.callback()
 def sitl() -> None:
     """Software in the loop: the built-in vehicle and what flies against it."""
+
+
+benchmarks = typer.Typer(help="Measure, beside the goals.", add_completion=False)
+app.add_typer(benchmarks, name="bench")
+app.command()(campaign)
 
 
 @app.command()
@@ -111,14 +117,17 @@ def vehicle(
         raise typer.Exit(2) from None
 
 
-@app.command()
+@benchmarks.callback(invoke_without_command=True)
 def bench(
+    context: typer.Context,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
 ) -> None:
     """Measure lockstep, replay, law, time to the first setpoint and memory, beside their goals.
 
     Exit status 0 only if every goal is met on this machine.
     """
+    if context.invoked_subcommand is not None:
+        return
     from sitl.bench import run as measure
 
     figures = measure()
@@ -169,6 +178,31 @@ def paper(
         raise typer.Exit(2) from None
     if as_json:
         typer.echo(json.dumps(reports if figure is None else reports[0]))
+
+
+@benchmarks.command("campaign")
+def bench_campaign(
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
+) -> None:
+    """Measure the throughput of campaigns beside a C loop of the same arithmetic and crazyflow.
+
+    Exit status 0 only if every goal that could be measured is met on this machine.
+    """
+    try:
+        from sitl import bench_campaign as throughput
+    except ModuleNotFoundError as error:
+        sys.stderr.write(f"sitl bench campaign: needs {error.name}, of the extra se3-guidance[sitl]\n")
+        raise typer.Exit(2) from None
+
+    report = throughput.measure()
+    if as_json:
+        typer.echo(json.dumps(report))
+    else:
+        for what, value, goal in throughput.rows(report):
+            typer.echo(f"{what:<32} {value:>18}  {goal}")
+        for note in report["notes"]:
+            typer.echo(note)
+    raise typer.Exit(0 if report["met"] else 1)
 
 
 def main() -> None:

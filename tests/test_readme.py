@@ -34,7 +34,7 @@ COMMANDS = [
     for line in block.splitlines()
     if line.strip()
 ]
-INSTALL_AND_FLY = "python3 -m venv .venv && .venv/bin/pip install -q '.[sitl]' && .venv/bin/guidance demo"
+INSTALL_AND_FLY = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/guidance demo"
 INSTALL_AND_TEST = (
     "python3 -m venv .venv && .venv/bin/pip install -q -e '.[test]' && .venv/bin/python -m pytest"
 )
@@ -42,7 +42,9 @@ BY_HAND = [c for c in COMMANDS if c.startswith(".venv/bin/sitl vehicle") or "run
 DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]
 REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
-OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", ".ci/run"]
+BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
+CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
+OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", BENCH_CAMPAIGN, ".ci/run"]
 
 
 def words(command: str) -> list[str]:
@@ -51,7 +53,7 @@ def words(command: str) -> list[str]:
 
 
 def test_every_command_is_run_by_a_test_here() -> None:
-    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *PAPER, *OTHERS])
+    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *PAPER, *CAMPAIGNS, *OTHERS])
     assert len(DEMOS) >= 3
     assert len(BY_HAND) >= 3
     assert REPLAYS
@@ -96,6 +98,15 @@ def test_replay_of_a_log_is_identical(command: str, tmp_path: Path) -> None:
     outcome = CliRunner().invoke(guidance_cli.app, [*verb, str(book.path)])
     assert outcome.exit_code == 0, outcome.output
     assert "identical" in outcome.output
+
+
+@pytest.mark.parametrize("command", CAMPAIGNS)
+def test_campaigns_run(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = re.sub(r"--flights \d+", "--flights 50", command)
+    assert arguments != command
+    outcome = CliRunner().invoke(sitl_cli.app, words(arguments))
+    assert outcome.exit_code == 0, outcome.output
 
 
 @pytest.mark.parametrize("command", PAPER)

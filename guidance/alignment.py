@@ -115,7 +115,8 @@ def global_turn(gains: Gains, turn_acceleration: float, y: Vec3, a: Vec3) -> Tur
         arc = theta / sine
         if turn_acceleration < inf:
             wanted = arc * sqrt((rho2 * d6) ** 2 + (rho3 * d5) ** 2)
-            arc *= stoppable(wanted, theta, turn_acceleration) / wanted
+            if wanted > 0.0:  # a sine below 1e-154 has a square of 0
+                arc *= stoppable(wanted, theta, turn_acceleration) / wanted
         u2 = -rho2 * arc * d6
         u3 = rho3 * arc * d5
     elif d4 > 0.0:

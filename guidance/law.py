@@ -34,7 +34,7 @@ from guidance import error_function as phi
 from guidance.alignment import Y4_RATIO_MIN as Y4_RATIO_MIN
 from guidance.alignment import Gains as Gains
 from guidance.alignment import global_turn, paper_turn
-from guidance.allocation import ALIGNED_PART, PITCH_YAW, allocate
+from guidance.allocation import ALIGNED_PART, PITCH_YAW, ROLL_PITCH, ROLL_YAW, allocate
 from guidance.error_function import Derivatives, ErrorFunction, Symmetric, derivatives, times
 from guidance.limits import Controls as Controls
 from guidance.limits import Limits as Limits
@@ -151,6 +151,11 @@ def guide_step(
     if not memory.started:
         w = twist.angular
         previous = Controls(w.x, w.y, w.z, twist.linear.x)
+    # A failed actuator rests at once: slowing it down must not hold back those that work.
+    if parameters.allocation == ROLL_PITCH:
+        previous = Controls(previous.u1, previous.u2, 0.0, previous.u4)
+    elif parameters.allocation == ROLL_YAW:
+        previous = Controls(previous.u1, 0.0, previous.u3, previous.u4)
 
     # (14)
     u4 = y.x / beta

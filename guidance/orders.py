@@ -32,7 +32,8 @@ def reported(value: NamedValueFloat, tracker: Tracker, counters: Counter[str], n
     if name is None:
         counters["NAMED_VALUE_FLOAT:unknown_allocation"] += 1
         return None
-    return None if name == tracker.allocation else _allocate(name, tracker, now_ns)
+    known, tracker.reported_allocation = tracker.reported_allocation, name
+    return None if name in (known, tracker.allocation) else _allocate(name, tracker, now_ns)
 
 
 def _allocate(name: str, tracker: Tracker, now_ns: int) -> Event:

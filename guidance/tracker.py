@@ -36,6 +36,7 @@ class Tracker:
         self._trajectory = config.trajectory
         self._origin = config.flight.origin
         self.allocation: str = config.law.allocation
+        self.reported_allocation: str | None = None  # what the vehicle itself said last
         self._law = config.law
         self._limits = config.limits
         self._parameters = parameters(config.law, config.limits, ZERO)

@@ -12,11 +12,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance import se3
+from guidance.alignment import global_turn
 from guidance.allocation import PITCH_YAW, ROLL_PITCH, ROLL_YAW, TURN_MIN_RAD_S, allocate
-from guidance.law import GLOBAL, PAPER, Gains, Parameters
+from guidance.error_function import PAPER as PAPER_PHI
+from guidance.law import GLOBAL, PAPER, REST, Gains, Memory, Parameters, guide_step
+from guidance.limits import Controls, Limits
 from guidance.records import Command, Setpoint, Status
 from guidance.replay import replay
-from guidance.se3 import Quaternion, Vec3
+from guidance.se3 import IDENTITY, ZERO, Pose, Quaternion, Reference, Vec3
 from guidance.supervisor import State
 from guidance.trajectory import Circle, Helix, Line, Trajectory, sample
 from sitl.lockstep import Lockstep
@@ -259,3 +262,40 @@ def test_the_vehicle_reports_that_an_actuator_failed() -> None:
     stranger = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
     flight.inject(bytes(dialect.MAVLink_named_value_float_message(0, b"ALLOC", 2.0).pack(stranger)))
     assert flight.guide.tracker.allocation == "roll-pitch"
+
+
+def test_a_repeated_report_undoes_nothing_that_the_operator_commanded() -> None:
+    flight = make_flight()
+    fly_until_tracking(flight)
+    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def report(value: float) -> None:
+        mav.seq = (mav.seq + 1) % 256
+        flight.inject(bytes(dialect.MAVLink_named_value_float_message(0, b"ALLOC", value).pack(mav)))
+
+    report(0.0)
+    flight.guide.command(Command.ALLOCATE_ROLL_PITCH, flight.now_ns)
+    report(0.0)
+    assert flight.guide.tracker.allocation == "roll-pitch"
+    report(2.0)
+    assert flight.guide.tracker.allocation == "roll-yaw"
+
+
+def test_a_failed_actuator_that_still_turned_does_not_hold_back_the_others() -> None:
+    slow_yaw = Limits(-5.0, 5.0, 5.0, 5.0, 5.0, True, inf, 20.0, 20.0, 1.0)
+    parameters = Parameters(GLOBAL, ROLL_PITCH, Gains(1.0, 4.0, 4.0, 1.0), PAPER_PHI, slow_yaw)
+    pose = Pose(Vec3(-3.0, 2.0, 1.0), IDENTITY)
+    reference = Reference(ZERO, Vec3(0.1, 0.0, 0.0), ZERO)
+    still, turning = (
+        guide_step(parameters, Memory(True, Controls(0.0, 0.0, u3, 1.0)), pose, REST, reference, 0.02)[1]
+        for u3 in (0.0, 3.0)
+    )
+    assert still.controls == turning.controls
+    assert turning.controls.u3 == 0.0
+    assert turning.controls.u1 != 0.0
+
+
+def test_a_misalignment_whose_square_is_zero_is_no_error() -> None:
+    turn = global_turn(Gains(1.0, 0.1, 0.1, 1.0), 5.0, Vec3(1.0, 2e-162, 0.0), ZERO)
+    assert isfinite(turn.u2)
+    assert abs(turn.u3) < 1e-100

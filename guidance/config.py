@@ -21,9 +21,9 @@ from guidance.checking import Places, Problem, named, one_of, override, problems
 from guidance.feasibility import infeasible
 from guidance.mavlink.profiles import PROFILES, Profile
 from guidance.trajectory import Trajectory
+from guidance.tuning import LEAST_RATE_RAD_S, NonNegative, Positive, Speed, cannot_allocate, conflicts
 from guidance.tuning import LawConfig as LawConfig
 from guidance.tuning import LimitsConfig as LimitsConfig
-from guidance.tuning import NonNegative, Positive, cannot_allocate, conflicts
 from guidance.tuning import Section as _Section
 
 Name = Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_.-]{1,64}\Z", description="1 to 64 letters, digits, _ . -")]
@@ -38,7 +38,7 @@ class Vehicle(_Section, frozen=True, kw_only=True):
     profile: str
     system_id: SystemId
     component_id: Annotated[int, Meta(ge=1, le=255)] = 1
-    speed_at_full_thrust_m_s: Positive
+    speed_at_full_thrust_m_s: Speed
 
 
 class Link(_Section, frozen=True, kw_only=True):
@@ -251,12 +251,12 @@ def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
             "law.allocation",
             f' = {shown(allocation)}: {profile.name} is planar and cannot roll; must be "pitch-yaw"',
         )
-    without = cannot_allocate(allocation, config.limits)
-    if without is not None and not profile.planar:
+    without = cannot_allocate(allocation, config.limits, profile.planar)
+    if without is not None:
         yield Problem(
             "law.allocation",
             f" = {shown(allocation)}: limits.{without[0]} = {without[1]:g} leaves it without that "
-            "rate: must be above 0",
+            f"rate: must be at least {LEAST_RATE_RAD_S:g}",
         )
 
 

@@ -151,11 +151,14 @@ def guide_step(
     if not memory.started:
         w = twist.angular
         previous = Controls(w.x, w.y, w.z, twist.linear.x)
-    # A failed actuator rests at once: slowing it down must not hold back those that work.
+    slowest = min(limits.pitch_acceleration_rad_s2, limits.yaw_acceleration_rad_s2)
+    # A failed actuator rests at once, and how slowly it changed is nothing to those that work.
     if parameters.allocation == ROLL_PITCH:
         previous = Controls(previous.u1, previous.u2, 0.0, previous.u4)
+        slowest = limits.pitch_acceleration_rad_s2
     elif parameters.allocation == ROLL_YAW:
         previous = Controls(previous.u1, 0.0, previous.u3, previous.u4)
+        slowest = limits.yaw_acceleration_rad_s2
 
     # (14)
     u4 = y.x / beta
@@ -176,11 +179,7 @@ def guide_step(
     rho = gains.rho2 if gains.rho2 > gains.rho3 else gains.rho3
     if parameters.allocation != PITCH_YAW:
         gains = Gains(gains.k, ALIGNED_PART * gains.rho2, ALIGNED_PART * gains.rho3, beta)
-    if parameters.law == GLOBAL:
-        slowest = min(limits.pitch_acceleration_rad_s2, limits.yaw_acceleration_rad_s2)
-        turn = global_turn(gains, slowest, y, y_dot)
-    else:
-        turn = paper_turn(gains, y, y_dot)
+    turn = global_turn(gains, slowest, y, y_dot) if parameters.law == GLOBAL else paper_turn(gains, y, y_dot)
     u1, u2, u3 = allocate(parameters.allocation, rho, limits.roll_acceleration_rad_s2, turn.u2, turn.u3)
     demanded = Controls(u1, u2, u3, u4)
     u1, u2, u3 = limited_rates(limits, u1, u2, u3, previous, dt)

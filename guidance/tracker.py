@@ -39,7 +39,7 @@ class Tracker:
         self.reported_allocation: str | None = None  # what the vehicle itself said last
         self._law = config.law
         self._limits = config.limits
-        self._parameters = parameters(config.law, config.limits, ZERO)
+        self._parameters = parameters(config.law, config.limits, ZERO, planar=profile.planar)
         self._memory: Memory = UNSTARTED
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
@@ -56,15 +56,14 @@ class Tracker:
         self.origin_ned_m = origin_ned_m
         self._memory = UNSTARTED
         self._stepped_ns = instant_ns
-        self._parameters = parameters(self._law, self._limits, origin_ned_m)._replace(
-            allocation=ALLOCATIONS[self.allocation]
-        )
+        found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
+        self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
 
     def allocate(self, name: str) -> str | None:
         """Turn with these actuators from now on, in whatever flight; or why that is refused."""
         if name != "pitch-yaw" and self._profile.planar:
             return f"{self._profile.name} is planar and cannot roll"
-        without = cannot_allocate(name, self._limits)
+        without = cannot_allocate(name, self._limits, self._profile.planar)
         if without is not None:
             return f"limits.{without[0]} = {without[1]:g} leaves it without that rate"
         self.allocation = name

@@ -4,14 +4,14 @@ Each is a pure function of time and its parameters, with analytic derivatives, d
 t = 0 it extends as it goes on after), and a Struct of the same parameters in the same order, which a
 configuration names by `name = "helix"`.
 
-To add one: write the function, write its Struct, and give both a row in `_FUNCTIONS` (and the Struct a
-place in the union `Trajectory`, which type checkers read). Nothing else knows the list.
+To add one: write the function, write its Struct (with its `cycle_s`), and give both a row in `_FUNCTIONS`
+(and the Struct a place in the union `Trajectory`, which type checkers read). Nothing else knows the list.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import cos, hypot, isfinite, radians, sin
+from math import cos, hypot, isfinite, pi, radians, sin
 from typing import Annotated, Final
 
 import msgspec
@@ -106,7 +106,7 @@ def lemniscate(t_s: float, length_m: float, width_m: float, speed_m_s: float, do
 
 
 class _Parameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="name"):
-    """Parameters of a trajectory.
+    """Parameters of a trajectory; `cycle_s` of each: in so long it shows every velocity that it ever has.
 
     Decoding refuses what the `Meta` of a field excludes (msgspec.ValidationError with the key); NaN, which
     TOML can spell and comparisons let through, is refused here.
@@ -123,17 +123,27 @@ class Helix(_Parameters, frozen=True, kw_only=True, tag="helix"):
     """Parameters of `helix`; the defaults are those of figure 1."""
 
     radius_m: Annotated[float, Meta(ge=0.01, le=1e5, description="radius, m")] = 1.0
-    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="horizontal speed, m/s")] = 0.1
+    speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="horizontal speed, m/s")] = 0.1
     down_m_s: Annotated[float, Meta(ge=-1e3, le=1e3, description="vertical speed, m/s, positive down")] = 0.1
+
+    @property
+    def cycle_s(self) -> float:
+        """One turn, s."""
+        return 2.0 * pi * self.radius_m / self.speed_m_s
 
 
 class Circle(_Parameters, frozen=True, kw_only=True, tag="circle"):
     """Parameters of `circle`."""
 
     radius_m: Annotated[float, Meta(ge=0.01, le=1e5, description="radius, m")] = 10.0
-    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="speed, m/s")] = 1.0
+    speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="speed, m/s")] = 1.0
     clockwise: Annotated[bool, Meta(description="direction, seen from above")] = True
     down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="height below the origin, m")] = 0.0
+
+    @property
+    def cycle_s(self) -> float:
+        """One turn, s."""
+        return 2.0 * pi * self.radius_m / self.speed_m_s
 
 
 class Line(_Parameters, frozen=True, kw_only=True, tag="line"):
@@ -143,15 +153,25 @@ class Line(_Parameters, frozen=True, kw_only=True, tag="line"):
     east_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="start, m east of the origin")] = 0.0
     down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="start, m below the origin")] = 0.0
     heading_deg: Annotated[float, Meta(ge=-360, le=360, description="course, degrees from north")] = 0.0
-    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="horizontal speed, m/s")] = 1.0
+    speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="horizontal speed, m/s")] = 1.0
     climb_m_s: Annotated[float, Meta(ge=-1e3, le=1e3, description="vertical speed, m/s, positive up")] = 0.0
+
+    @property
+    def cycle_s(self) -> float:
+        """Any time will do: its velocity is constant."""
+        return 1.0
 
 
 class Zigzag(_Parameters, frozen=True, kw_only=True, tag="zigzag"):
     """Parameters of `zigzag`; the defaults are those of (15)."""
 
     leg_m: Annotated[float, Meta(ge=0.01, le=1e5, description="length of a leg along each axis, m")] = 30.0
-    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="speed along each axis, m/s")] = 1.0
+    speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="speed along each axis, m/s")] = 1.0
+
+    @property
+    def cycle_s(self) -> float:
+        """The first leg and the second, s; the third is the first again."""
+        return 2.0 * self.leg_m / self.speed_m_s
 
 
 class Lemniscate(_Parameters, frozen=True, kw_only=True, tag="lemniscate"):
@@ -159,8 +179,15 @@ class Lemniscate(_Parameters, frozen=True, kw_only=True, tag="lemniscate"):
 
     length_m: Annotated[float, Meta(ge=0.01, le=1e5, description="extent to the north, m")] = 20.0
     width_m: Annotated[float, Meta(ge=0.01, le=1e5, description="extent to the east, m")] = 10.0
-    speed_m_s: Annotated[float, Meta(gt=0, le=1e3, description="highest speed, at the crossing, m/s")] = 1.0
+    speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="highest speed, at the crossing, m/s")] = (
+        1.0
+    )
     down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="height below the origin, m")] = 0.0
+
+    @property
+    def cycle_s(self) -> float:
+        """One eight, s."""
+        return 2.0 * pi * hypot(0.5 * self.length_m, self.width_m) / self.speed_m_s
 
 
 Trajectory = Helix | Circle | Line | Zigzag | Lemniscate

@@ -18,9 +18,25 @@ from guidance.checking import Problem, shown
 from guidance.law import Gains, Limits, Parameters
 from guidance.se3 import Vec3
 
+#: k, beta (without unit) and both rho (1/s). Far outside the law's sums of squares reach zero or infinity.
+LEAST_GAIN: Final = 1e-6
+MOST_GAIN: Final = 1e6
+#: What a vehicle can do: below the least it stands, and above the most nothing flies.
+LEAST_SPEED_M_S: Final = 1e-3
+MOST_SPEED_M_S: Final = 1e3
+LEAST_RATE_RAD_S: Final = 1e-3
+MOST_RATE_RAD_S: Final = 100.0
+#: In m/s^2 or rad/s^2.
+LEAST_ACCELERATION: Final = 1e-3
+MOST_ACCELERATION: Final = 1e6
+
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
-ApproachSpeed = Annotated[float, Meta(ge=1e-3, le=1e3)]
+Gain = Annotated[float, Meta(ge=LEAST_GAIN, le=MOST_GAIN)]
+Speed = Annotated[float, Meta(ge=LEAST_SPEED_M_S, le=MOST_SPEED_M_S)]
+Rate = Annotated[float, Meta(ge=LEAST_RATE_RAD_S, le=MOST_RATE_RAD_S)]
+RateOrNone = Annotated[float, Meta(ge=0.0, le=MOST_RATE_RAD_S)]
+Acceleration = Annotated[float, Meta(ge=LEAST_ACCELERATION, le=MOST_ACCELERATION)]
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
 #: Names in the configuration -> what the law takes.
@@ -57,14 +73,14 @@ class KOfR(_ErrorFunction, frozen=True, kw_only=True, tag="k-of-r"):
 class Bounded(_ErrorFunction, frozen=True, kw_only=True, tag="bounded"):
     """The approach is never faster than this."""
 
-    approach_m_s: ApproachSpeed
+    approach_m_s: Speed
 
 
 class BoundedApart(_ErrorFunction, frozen=True, kw_only=True, tag="bounded-apart"):
     """The approach is never faster than these, in the horizontal plane and in the vertical."""
 
-    horizontal_m_s: ApproachSpeed
-    vertical_m_s: ApproachSpeed
+    horizontal_m_s: Speed
+    vertical_m_s: Speed
 
 
 ErrorFunction = Quadratic | KOfR | Bounded | BoundedApart
@@ -74,10 +90,10 @@ class LawConfig(Section, frozen=True, kw_only=True):
     """Which law, and the gains of (11) and (14); lambda = 1 / beta."""
 
     name: Literal["paper", "global"] = "paper"
-    k: Positive
-    rho2_per_s: Positive
-    rho3_per_s: Positive
-    beta: Positive = 1.0
+    k: Gain
+    rho2_per_s: Gain
+    rho3_per_s: Gain
+    beta: Gain = 1.0
     allocation: Literal["pitch-yaw", "roll-pitch", "roll-yaw"] = "pitch-yaw"
     error_function: ErrorFunction = Quadratic()
 
@@ -89,16 +105,16 @@ class LawConfig(Section, frozen=True, kw_only=True):
 class LimitsConfig(Section, frozen=True, kw_only=True):
     """What may be asked of the vehicle, always; rates are symmetric, an absent acceleration is free."""
 
-    speed_min_m_s: float
-    speed_max_m_s: Positive
-    roll_rate_max_rad_s: NonNegative
-    pitch_rate_max_rad_s: NonNegative
-    yaw_rate_max_rad_s: Positive
+    speed_min_m_s: Annotated[float, Meta(ge=-MOST_SPEED_M_S, le=MOST_SPEED_M_S)]
+    speed_max_m_s: Speed
+    roll_rate_max_rad_s: RateOrNone
+    pitch_rate_max_rad_s: RateOrNone
+    yaw_rate_max_rad_s: Rate
     keep_direction: bool = True
-    acceleration_max_m_s2: Positive | None = None
-    roll_acceleration_max_rad_s2: Positive | None = None
-    pitch_acceleration_max_rad_s2: Positive | None = None
-    yaw_acceleration_max_rad_s2: Positive | None = None
+    acceleration_max_m_s2: Acceleration | None = None
+    roll_acceleration_max_rad_s2: Acceleration | None = None
+    pitch_acceleration_max_rad_s2: Acceleration | None = None
+    yaw_acceleration_max_rad_s2: Acceleration | None = None
 
     def limits(self) -> Limits:
         """As the law takes them."""
@@ -120,14 +136,22 @@ def _or_free(limit: float | None) -> float:
     return inf if limit is None else limit
 
 
-def parameters(law_config: LawConfig, limits: LimitsConfig, origin_ned_m: Vec3) -> Parameters:
-    """For a trajectory whose origin is here in the vehicle's local frame (m)."""
+def parameters(
+    law_config: LawConfig, limits: LimitsConfig, origin_ned_m: Vec3, *, planar: bool = False
+) -> Parameters:
+    """For a trajectory whose origin is here in the vehicle's local frame (m).
+
+    A `planar` vehicle never pitches: how fast it could is nothing to its turns.
+    """
+    bounds = limits.limits()
+    if planar:
+        bounds = bounds._replace(pitch_acceleration_rad_s2=inf)
     return Parameters(
         law=LAWS[law_config.name],
         allocation=ALLOCATIONS[law_config.allocation],
         gains=law_config.gains(),
         error_function=_error_function(law_config.error_function, origin_ned_m),
-        limits=limits.limits(),
+        limits=bounds,
     )
 
 
@@ -144,12 +168,21 @@ def _error_function(chosen: ErrorFunction, origin: Vec3) -> error_function.Error
             return error_function.bounded_apart(chosen.horizontal_m_s, chosen.vertical_m_s)
 
 
-def cannot_allocate(name: str, limits: LimitsConfig) -> tuple[str, float] | None:
-    """The limit (its key and value) that leaves an allocation without one of its rates, None if none does."""
-    for rate in ("roll", "pitch", "yaw"):
-        key = f"{rate}_rate_max_rad_s"
+def rates_of(allocation: str, planar: bool) -> tuple[str, ...]:
+    """The keys in [limits] of the rates that an allocation turns by; a planar vehicle has only yaw."""
+    axes = ("yaw",) if planar else allocation.split("-")
+    return tuple(f"{axis}_rate_max_rad_s" for axis in axes)
+
+
+def cannot_allocate(name: str, limits: LimitsConfig, planar: bool) -> tuple[str, float] | None:
+    """The limit (its key and value) that leaves an allocation without one of its rates, None if none does.
+
+    Whether the rates suffice for the trajectory is not asked: where an actuator failed, too slow a turn with
+    the others is the best that is left.
+    """
+    for key in rates_of(name, planar):
         limit: float = getattr(limits, key)
-        if name != "pitch-yaw" and rate in name and limit == 0.0:
+        if limit < LEAST_RATE_RAD_S:
             return key, limit
     return None
 

@@ -15,8 +15,8 @@ from guidance import se3
 from guidance.alignment import global_turn
 from guidance.allocation import PITCH_YAW, ROLL_PITCH, ROLL_YAW, TURN_MIN_RAD_S, allocate
 from guidance.error_function import PAPER as PAPER_PHI
-from guidance.law import GLOBAL, PAPER, REST, Gains, Memory, Parameters, guide_step
-from guidance.limits import Controls, Limits
+from guidance.law import GLOBAL, PAPER, REST, UNSTARTED, Gains, Memory, Parameters, guide_step
+from guidance.limits import Controls, Limits, stoppable
 from guidance.records import Command, Setpoint, Status
 from guidance.replay import replay
 from guidance.se3 import IDENTITY, ZERO, Pose, Quaternion, Reference, Vec3
@@ -219,20 +219,66 @@ def test_the_configured_allocation_is_flown_and_one_commanded_before_engaging_is
 
 
 @pytest.mark.parametrize(
-    ("overrides", "why"),
+    ("overrides", "flown", "asked", "why"),
     [
-        (ROVER, "ardupilot-rover is planar and cannot roll"),
-        (("limits.roll_rate_max_rad_s=0",), "limits.roll_rate_max_rad_s = 0 leaves it without that rate"),
+        (ROVER, "pitch-yaw", "roll-yaw", "ardupilot-rover is planar and cannot roll"),
+        (
+            ("limits.roll_rate_max_rad_s=0",),
+            "pitch-yaw",
+            "roll-yaw",
+            "limits.roll_rate_max_rad_s = 0 leaves it without that rate",
+        ),
+        (
+            ("limits.pitch_rate_max_rad_s=0", "law.allocation=roll-yaw"),
+            "roll-yaw",
+            "pitch-yaw",
+            "limits.pitch_rate_max_rad_s = 0 leaves it without that rate",
+        ),
     ],
 )
-def test_a_vehicle_that_cannot_roll_refuses_with_the_reason(overrides: tuple[str, ...], why: str) -> None:
+def test_what_the_vehicle_cannot_turn_by_is_refused_in_flight_with_the_reason(
+    overrides: tuple[str, ...], flown: str, asked: str, why: str
+) -> None:
     flight = make_flight(*overrides, "trajectory.name=circle")
     fly_until_tracking(flight)
-    flight.guide.command(Command.ALLOCATE_ROLL_YAW, flight.now_ns)
+    flight.guide.command(Command(f"allocate-{asked}"), flight.now_ns)
     flight.run(1.0)
-    assert events_of(flight, "allocation_refused") == [f"roll-yaw refused: {why}"]
-    assert records_of(flight, Status)[-1].allocation == "pitch-yaw"
+    assert events_of(flight, "allocation_refused") == [f"{asked} refused: {why}"]
+    assert records_of(flight, Status)[-1].allocation == flown
     assert state_of(flight) is State.TRACKING
+
+
+def test_a_planar_vehicle_that_cannot_pitch_is_told_pitch_yaw_and_goes_on() -> None:
+    flight = make_flight(*ROVER, "limits.pitch_rate_max_rad_s=0", "trajectory.name=circle")
+    fly_until_tracking(flight)
+    flight.guide.command(Command.ALLOCATE_PITCH_YAW, flight.now_ns)
+    flight.run(0.1)
+    assert events_of(flight, "allocation_refused") == []
+    assert events_of(flight, "allocated") == ["turning by pitch-yaw"]
+
+
+@pytest.mark.parametrize(
+    ("allocation", "pitch", "yaw", "slowest"),
+    [
+        (PITCH_YAW, 3.0, 5.0, 3.0),
+        (PITCH_YAW, 5.0, 3.0, 3.0),
+        (ROLL_PITCH, 3.0, 0.1, 3.0),
+        (ROLL_PITCH, 3.0, inf, 3.0),
+        (ROLL_YAW, 0.1, 3.0, 3.0),
+        (ROLL_YAW, inf, 3.0, 3.0),
+    ],
+)
+def test_only_an_axis_that_acts_slows_the_turn(
+    allocation: int, pitch: float, yaw: float, slowest: float
+) -> None:
+    """The field stands still at a right angle, where the actuators that are left turn b1 without a roll."""
+    limits = Limits(-5.0, 5.0, 9.0, 9.0, 9.0, True, inf, inf, pitch, yaw)
+    parameters = Parameters(GLOBAL, allocation, Gains(1.0, 9.0, 9.0, 1.0), PAPER_PHI, limits)
+    side = Vec3(0.0, 1.0, 0.0) if allocation != ROLL_PITCH else Vec3(0.0, 0.0, 1.0)
+    reference = Reference(ZERO, side, ZERO)
+    found = guide_step(parameters, UNSTARTED, Pose(ZERO, IDENTITY), REST, reference, 0.02)[1]
+    expected = stoppable(inf, pi / 2.0, slowest)
+    assert sqrt(found.demanded.u2**2 + found.demanded.u3**2) == pytest.approx(expected)
 
 
 def test_the_law_global_flies_the_demo_in_lockstep_with_a_bounded_field() -> None:

@@ -49,14 +49,14 @@ ORIGIN = (
 @pytest.mark.parametrize(
     ("key", "line", "said"),
     [
-        ("k", "k = 0", "law.k = 0: must be a number above 0"),
-        ("k", "k = -1.5", "law.k = -1.5: must be a number above 0"),
-        ("k", "k = nan", "law.k = nan: must be a number above 0"),
-        ("k", "k = inf", "law.k = inf: must be a number above 0"),
-        ("k", "k = true", "law.k = true: must be a number above 0"),
-        ("k", 'k = "1"', 'law.k = "1": must be a number above 0'),
-        ("k", "k = [1.0]", "law.k = [1.0]: must be a number above 0"),
-        ("k", "k = 2025-01-01", "law.k = 2025-01-01: must be a number above 0"),
+        ("k", "k = 0", "law.k = 0: must be a number from 1e-06 to 1e+06"),
+        ("k", "k = -1.5", "law.k = -1.5: must be a number from 1e-06 to 1e+06"),
+        ("k", "k = nan", "law.k = nan: must be a number from 1e-06 to 1e+06"),
+        ("k", "k = inf", "law.k = inf: must be a number from 1e-06 to 1e+06"),
+        ("k", "k = true", "law.k = true: must be a number from 1e-06 to 1e+06"),
+        ("k", 'k = "1"', 'law.k = "1": must be a number from 1e-06 to 1e+06'),
+        ("k", "k = [1.0]", "law.k = [1.0]: must be a number from 1e-06 to 1e+06"),
+        ("k", "k = 2025-01-01", "law.k = 2025-01-01: must be a number from 1e-06 to 1e+06"),
         ("speed_min_m_s", "speed_min_m_s = -inf", "limits.speed_min_m_s = -inf: must be a number"),
         ("rate_hz", "rate_hz = 4.9", "link.rate_hz = 4.9: must be a number from 5 to 200"),
         ("rate_hz", "rate_hz = 201", "link.rate_hz = 201: must be a number from 5 to 200"),
@@ -230,7 +230,7 @@ def test_naming_another_trajectory_forgets_the_parameters_of_the_first(name: str
         ("law.k=\udcff", "not UTF-8 text"),
         ("law.\udcff=1", "not UTF-8 text"),
         ("lew.k=1", "unknown table"),
-        ("law.k=1\nrho2_per_s=3", "must be a number above 0"),
+        ("law.k=1\nrho2_per_s=3", "must be a number from 1e-06 to 1e+06"),
     ],
 )
 def test_a_bad_override_is_named_as_the_operator_wrote_it(setting: str, said: str) -> None:

@@ -6,14 +6,17 @@ import math
 from typing import get_args
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from guidance.config import ConfigError, Locator, Zenoh, from_json, parse, profile_of, to_json
+from guidance.feasibility import infeasible
 from guidance.mavlink.profiles import PROFILES
 from guidance.telemetry.zenoh_sink import zenoh_config
-from guidance.trajectory import TRAJECTORIES, Helix
+from guidance.trajectory import TRAJECTORIES, Helix, Lemniscate, sample
+from guidance.tuning import Bounded
 from tests.helpers import DEMO, ROVER, make_config
 
 TEXT = DEMO.read_text(encoding="utf-8")
@@ -57,7 +60,7 @@ def refusal(*overrides: str, text: str = TEXT) -> str:
         (
             ["trajectory.radius_m=0.01", "trajectory.speed_m_s=0.4"],
             "it turns at 38.8 rad/s, and the vehicle at most at 7.07 "
-            "(limits.yaw_rate_max_rad_s, limits.pitch_rate_max_rad_s)",
+            "(limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)",
         ),
         (
             [*TURNING, "law.allocation=roll-pitch", "limits.pitch_rate_max_rad_s=1"],
@@ -72,6 +75,31 @@ def refusal(*overrides: str, text: str = TEXT) -> str:
             "it turns at 2 rad/s, and the vehicle at most at 1 (limits.yaw_rate_max_rad_s)",
         ),
         (["trajectory.name=zigzag", "trajectory.speed_m_s=4"], "it moves at 5.66 m/s"),
+        (
+            ["trajectory.name=lemniscate", "limits.acceleration_max_m_s2=0.01"],
+            "it gains or loses 0.065 m/s each second, and the vehicle at most 0.01 "
+            "(limits.acceleration_max_m_s2)",
+        ),
+        (
+            ["law.error_function.name=bounded", "law.error_function.approach_m_s=5.1"],
+            "law.error_function.approach_m_s = 5.1: the vehicle moves at most at 5 m/s "
+            "(limits.speed_max_m_s, vehicle.speed_at_full_thrust_m_s)",
+        ),
+        *(
+            (
+                [
+                    "law.error_function.name=bounded-apart",
+                    "vehicle.speed_at_full_thrust_m_s=3",
+                    f"law.error_function.{slow}=3",
+                    f"law.error_function.{fast}=3.5",
+                ],
+                f"law.error_function.{fast} = 3.5: the vehicle moves at most at 3 m/s",
+            )
+            for slow, fast in (
+                ("horizontal_m_s", "vertical_m_s"),
+                ("vertical_m_s", "horizontal_m_s"),
+            )
+        ),
     ],
 )
 def test_settings_that_contradict_each_other_are_refused(overrides: list[str], said: str) -> None:
@@ -88,6 +116,64 @@ def test_a_trajectory_at_the_very_limit_of_speed_is_not_refused(name: str) -> No
         settings.append("trajectory.down_m_s=-4")
     assert make_config(*settings).trajectory.speed_m_s == speed
     assert "it moves at 5 m/s" in refusal(*settings, "limits.speed_max_m_s=4.9999")
+
+
+#: Longer than ten minutes, a turn of a fraction of a second in them, and each way between.
+EIGHTS = [
+    Lemniscate(length_m=length_m, width_m=width_m, speed_m_s=speed_m_s)
+    for length_m, width_m in ((20.0, 10.0), (8.0, 8.0), (1e5, 3e4), (1e5, 300.0), (300.0, 1e5), (60.0, 0.5))
+    for speed_m_s in (0.2, 4.0)
+]
+
+
+@pytest.mark.parametrize("eight", EIGHTS, ids=repr)
+def test_the_extremes_of_a_lemniscate_are_found_within_1_percent(eight: Lemniscate) -> None:
+    """Beside the closed forms, r = (A sin p, B/2 sin 2p), sampled most densely where they peak."""
+    A, B = 0.5 * eight.length_m, eight.width_m
+    w = eight.speed_m_s / math.hypot(A, B)
+    near = np.geomspace(1e-9, 1.0, 20_000)
+    p = np.concatenate([peak + side * near for peak in (0.5 * np.pi, 0.25 * np.pi) for side in (-1.0, 1.0)])
+    cos2 = np.cos(p) ** 2
+    speed = w * np.sqrt(A * A * cos2 + B * B * (2.0 * cos2 - 1.0) ** 2)
+    turn = w**3 * A * B * np.abs(np.sin(p)) * (1.0 + 2.0 * cos2) / speed**2
+    change = w**3 * np.abs(np.sin(2.0 * p)) * np.abs(0.5 * A * A + 2.0 * B * B * np.cos(2.0 * p)) / speed
+    fastest_turn, fastest_change = float(turn.max()), float(change.max())
+    slowest = float(speed.min())
+
+    def refused(
+        turn_rad_s: float = 90.0, change_m_s2: float = 1e5, speed_min_m_s: float = -5.0
+    ) -> str | None:
+        limits = msgspec.structs.replace(
+            make_config().limits,
+            pitch_rate_max_rad_s=0.0,
+            yaw_rate_max_rad_s=turn_rad_s,
+            acceleration_max_m_s2=change_m_s2,
+            speed_min_m_s=speed_min_m_s,
+        )
+        law = msgspec.structs.replace(make_config().law, name="global")
+        return next((problem.text for problem in infeasible(eight, limits, law, 5.0, planar=True)), None)
+
+    assert "it turns at" in str(refused(turn_rad_s=0.99 * fastest_turn))
+    assert refused(turn_rad_s=1.0001 * fastest_turn) is None
+    assert "it gains or loses" in str(refused(turn_rad_s=1e9, change_m_s2=0.99 * fastest_change))
+    assert refused(turn_rad_s=1e9, change_m_s2=1.0001 * fastest_change) is None
+    assert "never slower than" in str(refused(turn_rad_s=1e9, speed_min_m_s=1.01 * slowest))
+    assert refused(turn_rad_s=1e9, speed_min_m_s=0.9999 * slowest) is None
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_within_its_cycle_a_trajectory_shows_all_its_velocities(name: str) -> None:
+    curve = make_config(f"trajectory.name={name}").trajectory
+    shown = np.array(
+        [sample(curve, t_s).velocity for t_s in np.linspace(0.0, curve.cycle_s, 2000, endpoint=False)]
+    )
+    for t_s in np.linspace(0.0, 500.0, 300):
+        assert np.abs(shown - sample(curve, t_s).velocity).max(axis=1).min() < 0.005
+
+
+def test_an_approach_at_the_very_limit_of_speed_is_not_refused() -> None:
+    bounded = ("law.error_function.name=bounded", "law.error_function.approach_m_s=5")
+    assert make_config(*bounded).law.error_function == Bounded(approach_m_s=5.0)
 
 
 def test_a_planar_vehicle_is_held_to_what_it_does_in_the_plane() -> None:

@@ -9,11 +9,12 @@ import pytest
 
 from guidance import error_function
 from guidance.config import Config, ConfigError, from_json, parse, to_json
-from guidance.law import GLOBAL, PAPER, Parameters
+from guidance.law import GLOBAL, PAPER, REST, UNSTARTED, Parameters, guide_step
 from guidance.records import Setpoint
 from guidance.se3 import ZERO, Vec3
-from guidance.tuning import parameters
+from guidance.tuning import LEAST_GAIN, MOST_GAIN, parameters
 from tests.helpers import DEMO, ROVER, fly_until_tracking, make_config, make_flight, records_of
+from tests.strategies import facing
 
 TEXT = DEMO.read_text(encoding="utf-8")
 
@@ -92,6 +93,8 @@ def test_in_flight_setpoints_change_no_faster_than_they_may_and_from_what_was_me
 
 
 SPEED = "must be a number from 0.001 to 1000"
+GAIN = "must be a number from 1e-06 to 1e+06"
+ACCELERATION = "must be a number from 0.001 to 1e+06"
 
 
 @pytest.mark.parametrize(
@@ -141,13 +144,39 @@ SPEED = "must be a number from 0.001 to 1000"
         ),
         (
             ["limits.yaw_acceleration_max_rad_s2=0"],
-            "limits.yaw_acceleration_max_rad_s2 = 0: must be a number above 0",
+            f"limits.yaw_acceleration_max_rad_s2 = 0: {ACCELERATION}",
         ),
         (
             ["limits.acceleration_max_m_s2=inf"],
-            "limits.acceleration_max_m_s2 = inf: must be a number above 0",
+            f"limits.acceleration_max_m_s2 = inf: {ACCELERATION}",
         ),
         (["limits.keep_direction=1"], "limits.keep_direction = 1: must be true or false"),
+        *(
+            ([f"{key}={value}"], f"{key} = {shown}: {said}")
+            for key, said in (
+                ("law.k", GAIN),
+                ("law.beta", GAIN),
+                ("law.rho2_per_s", GAIN),
+                ("law.rho3_per_s", GAIN),
+                ("limits.acceleration_max_m_s2", ACCELERATION),
+                ("limits.pitch_acceleration_max_rad_s2", ACCELERATION),
+                ("limits.speed_max_m_s", SPEED),
+                ("vehicle.speed_at_full_thrust_m_s", SPEED),
+                ("trajectory.speed_m_s", SPEED),
+                ("limits.yaw_rate_max_rad_s", "must be a number from 0.001 to 100"),
+            )
+            for value, shown in (("1e-200", "1e-200"), ("2e6", "2000000.0"))
+        ),
+        (["limits.pitch_rate_max_rad_s=101"], "= 101: must be a number from 0 to 100"),
+        (["limits.speed_min_m_s=-1e200"], "= -1e+200: must be a number from -1000 to 1000"),
+        *(
+            (
+                [f"limits.pitch_rate_max_rad_s={value}"],
+                f'law.allocation = "pitch-yaw": limits.pitch_rate_max_rad_s = {value} leaves it without that '
+                "rate: must be at least 0.001",
+            )
+            for value in ("0", "1e-200")
+        ),
         (
             ["law.allocation=roll-pitch", "limits.roll_rate_max_rad_s=0"],
             'law.allocation = "roll-pitch": limits.roll_rate_max_rad_s = 0 leaves it without that rate',
@@ -180,3 +209,32 @@ def test_a_planar_profile_refuses_to_turn_by_rolling(roll_rate: int) -> None:
     text = TEXT.replace("[law]\n", '[law]\nallocation = "roll-yaw"\n')
     line = text.splitlines().index('allocation = "roll-yaw"') + 1
     assert refusal(*overrides, text=text) == f"flight.toml:{line}: {said}"
+
+
+def test_a_planar_vehicle_turns_by_yaw_alone() -> None:
+    config = make_config(*ROVER, "limits.pitch_rate_max_rad_s=0", "limits.pitch_acceleration_max_rad_s2=0.1")
+    assert config.limits.pitch_rate_max_rad_s == 0.0
+    assert law_of(config).limits.pitch_acceleration_rad_s2 == 0.1
+    in_the_plane = parameters(config.law, config.limits, ZERO, planar=True)
+    assert in_the_plane.limits == law_of(config).limits._replace(pitch_acceleration_rad_s2=inf)
+    sent = []
+    for pitch in ("2", "0.001"):
+        flight = make_flight(*ROVER, "law.name=global", f"limits.pitch_acceleration_max_rad_s2={pitch}")
+        fly_until_tracking(flight)
+        flight.run(1.0)
+        sent.append([s.body_rates_frd_rad_s for s in records_of(flight, Setpoint)])
+    assert sent[0] == sent[1]
+    assert any(yaw_rate != 0.0 for _, _, yaw_rate in sent[0])
+
+
+@pytest.mark.parametrize("law", ["paper", "global"])
+@pytest.mark.parametrize("gain", [LEAST_GAIN, MOST_GAIN])
+def test_from_the_least_to_the_most_only_k_over_beta_matters(law: str, gain: float) -> None:
+    pose, reference = facing(0.6, 1.0)
+    pose = pose._replace(position=Vec3(1.0, -2.0, 3.0))
+    same, expected = (
+        guide_step(law_of(make_config(f"law.name={law}", *scale)), UNSTARTED, pose, REST, reference, 0.02)[1]
+        for scale in ((f"law.k={gain}", f"law.beta={gain}"), ())
+    )
+    assert same.demanded == pytest.approx(expected.demanded, rel=1e-9)
+    assert abs(same.demanded.u2) > 0.1

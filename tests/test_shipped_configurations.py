@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Iterator
@@ -257,6 +258,15 @@ def test_it_flies_unattended(path: Path) -> None:
     flight = make_flight(config=load(path, ["supervisor.engage=auto", "supervisor.arm=true"]))
     fly_until_tracking(flight)
     converges(flight, 30.0)
+
+
+@EACH
+@pytest.mark.parametrize("yaw_deg", [-90.0, 90.0, 180.0])
+def test_it_arrives_whichever_way_it_faces(path: Path, yaw_deg: float) -> None:
+    config = load(path, ["supervisor.engage=auto", "supervisor.arm=true"])
+    flight = make_flight(config=config, initial_yaw_rad=math.radians(yaw_deg))
+    fly_until_tracking(flight)
+    converges(flight, 40.0)
 
 
 def test_the_demo_flies() -> None:

@@ -90,13 +90,13 @@ def paper_turn(gains: Gains, y: Vec3, a: Vec3) -> Turn:
         turn5 = rho3 * y5
         turn6 = rho2 * y6
         divisor = y4_min
-    turn = sqrt(turn5 * turn5 + turn6 * turn6)
     turn_max = (rho2 if rho2 > rho3 else rho3) / Y4_RATIO_MIN * abs(divisor)
+    part = 1.0 / divisor
+    turn = sqrt(turn5 * turn5 + turn6 * turn6)
     if turn > turn_max:
         singular = True
-        turn5 *= turn_max / turn
-        turn6 *= turn_max / turn
-    return Turn(-turn6 / divisor, turn5 / divisor, singular)
+        part *= turn_max / turn
+    return Turn(-part * turn6, part * turn5, singular)
 
 
 def global_turn(gains: Gains, turn_acceleration: float, y: Vec3, a: Vec3) -> Turn:

@@ -109,13 +109,15 @@ UNSTARTED: Final = Memory(False, Controls(0.0, 0.0, 0.0, 0.0))
 REST: Final = Twist(ZERO, ZERO)
 
 
-def field_of(beta: float, d: Derivatives, reference: Reference) -> Field:
+def field_of(lambda_: float, d: Derivatives, reference: Reference) -> Field:
     """Xr = r' - lambda d1 phi (3.3) and a = r'' - lambda d/dt(d1 phi | x fixed), as (10) has it."""
     r_dot = reference.velocity
     r_ddot = reference.acceleration
+    p = d.d1
+    q = d.d1_dot
     return Field(
-        Vec3(r_dot.x - d.d1.x / beta, r_dot.y - d.d1.y / beta, r_dot.z - d.d1.z / beta),
-        Vec3(r_ddot.x - d.d1_dot.x / beta, r_ddot.y - d.d1_dot.y / beta, r_ddot.z - d.d1_dot.z / beta),
+        Vec3(r_dot.x - lambda_ * p.x, r_dot.y - lambda_ * p.y, r_dot.z - lambda_ * p.z),
+        Vec3(r_ddot.x - lambda_ * q.x, r_ddot.y - lambda_ * q.y, r_ddot.z - lambda_ * q.z),
     )
 
 
@@ -124,7 +126,8 @@ def desired_field(
 ) -> Field:
     """The field at x; for phi = 1/2 k |x - r|^2 unless another is given."""
     e = subtract(x, reference.position)
-    return field_of(gains.beta, derivatives(error_function, gains.k, gains.beta, e, reference), reference)
+    d = derivatives(error_function, gains.k, gains.beta, e, reference)
+    return field_of(1.0 / gains.beta, d, reference)
 
 
 def guide_step(
@@ -140,9 +143,10 @@ def guide_step(
     gains = parameters.gains
     limits = parameters.limits
     beta = gains.beta
+    lambda_ = 1.0 / beta
     e = subtract(pose.position, reference.position)
     d = derivatives(parameters.error_function, gains.k, beta, e, reference)
-    Xr, a = field_of(beta, d, reference)
+    Xr, a = field_of(lambda_, d, reference)
     b1, b2, b3 = body_axes(pose.attitude)
     # <Xr, X4>, <Xr, X5>, <Xr, X6> with the metric (3)
     y = Vec3(beta * dot(b1, Xr), beta * dot(b2, Xr), beta * dot(b3, Xr))
@@ -161,7 +165,7 @@ def guide_step(
         slowest = limits.yaw_acceleration_rad_s2
 
     # (14)
-    u4 = y.x / beta
+    u4 = lambda_ * y.x
     if parameters.law == GLOBAL and u4 < 0.0:
         u4 = 0.0
     speed = limited_speed(limits, u4, previous.u4, dt)

@@ -16,18 +16,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple, TypedDict
+from typing import Final, TypedDict
 
 import numpy as np
 
 from sitl.campaign.flight import OUTCOMES, Rows
 from sitl.campaign.plan import Plan
 from sitl.campaign.run import cores, fly_range, run
-from sitl.compiled import cache_root
+from sitl.compiled import cache_folder
 
 SOURCE: Final = Path(__file__).with_name("bench_campaign.c")
 FLAGS: Final = ("-O3", "-march=native", "-shared", "-fPIC", "-pthread")
@@ -41,6 +42,9 @@ GOAL_C: Final = 0.7
 GOAL_CRAZYFLOW: Final = 5.0
 GOAL_COMPILE_S: Final = 15.0
 
+NOT_MEASURED: Final = "not measured"
+_VERDICT: Final = {True: "met", False: "MISSED"}
+
 #: The outcomes that the C loop gives, in its order.
 _C_OUTCOMES: Final = (
     "entered_s",
@@ -53,6 +57,7 @@ _C_OUTCOMES: Final = (
     "saturated_steps",
     "reverse_steps",
 )
+_CRAZYFLOW: Final = (sys.executable, "-m", "sitl.bench_crazyflow")
 #: What an answer of `bench_crazyflow` begins with.
 _ANSWER: Final = "steps_per_s "
 _FIRST_FLIGHT: Final = """
@@ -72,6 +77,7 @@ class UnavailableError(Exception):
 class Report(TypedDict):
     """Steps per second; a ratio is None where there is nothing to compare with, and `notes` says why.
 
+    `met` says whether every goal is; one that was not measured is not.
     `together_steps_per_s` and `ratio_to_c_together` are of flights that are at the same place of the
     trajectory and look it up once for all, which the C loop does not; the goals are held without that.
     `compile_s` and `cached_s`: from starting to import to the end of the first flight, with an empty cache
@@ -115,9 +121,11 @@ def c_loop() -> Callable[[Plan, Rows, int], Rows]:
     if compiler is None:
         raise UnavailableError("no C compiler (cc, or what CC names)")
     key = hashlib.sha256(SOURCE.read_bytes() + " ".join((compiler, *FLAGS)).encode()).hexdigest()[:16]
-    library = cache_root() / f"bench-{key}.so"
+    try:
+        library = cache_folder() / f"bench-{key}.so"
+    except OSError as error:
+        raise UnavailableError(f"no place to build the C loop in: {error}") from None
     if not library.exists():
-        library.parent.mkdir(parents=True, exist_ok=True)
         part = library.with_suffix(f".{os.getpid()}")
         done = subprocess.run(  # noqa: S603
             [compiler, *FLAGS, str(SOURCE), "-o", str(part), "-lm"],
@@ -170,104 +178,107 @@ def difference(ours: Rows, c: Rows) -> float:
     return float(np.nanmax(np.abs(same - c) / np.maximum(1.0, np.abs(c))))
 
 
-class Crazyflow:
-    """A process that measures crazyflow whenever it is asked; compiled and warm from the start.
+@contextmanager
+def crazyflow() -> Iterator[Callable[[], float]]:
+    """A function that measures worlds times steps per second once, in a process that ends with the context.
+
+    It has compiled and is warm when the context is entered.
 
     Raises:
-        UnavailableError: it is not installed, or does not run.
+        UnavailableError: crazyflow is not installed, or does not run; from the function: runs no longer.
     """
+    if importlib.util.find_spec("crazyflow") is None:
+        raise UnavailableError("crazyflow is not installed (pip install crazyflow)")
+    process = subprocess.Popen(  # noqa: S603
+        _CRAZYFLOW, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    asks, answers = process.stdin, process.stdout
 
-    def __init__(self) -> None:
-        if importlib.util.find_spec("crazyflow") is None:
-            raise UnavailableError("crazyflow is not installed (pip install crazyflow)")
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "sitl.bench_crazyflow"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self._answer()
-
-    def steps_per_s(self) -> float:
-        """Worlds times steps per second, once."""
-        assert self._process.stdin is not None
-        self._process.stdin.write("\n")
-        self._process.stdin.flush()
-        return self._answer()
-
-    def _answer(self) -> float:
-        assert self._process.stdout is not None
+    def answer() -> float:
         said = ""
-        for line in self._process.stdout:
+        for line in answers:
             if line.startswith(_ANSWER):
                 return float(line.removeprefix(_ANSWER))
             said = line.strip() or said
         raise UnavailableError(f"crazyflow failed: {said}")
 
-    def close(self) -> None:
-        """End the process."""
-        self._process.communicate()
+    def steps_per_s() -> float:
+        with suppress(BrokenPipeError):  # it has ended; its last words say more
+            os.write(asks.fileno(), b"\n")
+        return answer()
 
-
-class _Turns(NamedTuple):
-    ours: list[float]
-    together: list[float]
-    c: list[float]
-    crazyflow: list[float]
+    with process:
+        try:
+            answer()
+            yield steps_per_s
+        finally:
+            process.kill()
 
 
 def measure() -> Report:
     """All figures; takes a minute, most of it crazyflow's compilation."""
-    notes = []
     threads = cores()
     compile_s, cached_s = _first_flights()
     starts, ours = fly_range(PLAN, 0, PLAN.flights)
     starts = starts[:, :8]
-    steps = PLAN.flights * (PLAN.steps + 1)
-    loop = other = None
     apart = None
-    try:
-        loop = c_loop()
-        apart = difference(ours, loop(PLAN, starts, threads))
-    except UnavailableError as reason:
-        notes.append(f"no ratio to C: {reason}")
-    try:
-        other = Crazyflow()
-    except UnavailableError as reason:
-        notes.append(f"no ratio to crazyflow: {reason}")
-    turns = _Turns([], [], [], [])
-    for _ in range(ROUNDS):
-        turns.ours.append(steps / _timed(lambda: run(PLAN, threads)))
-        turns.together.append(steps / _timed(lambda: run(TOGETHER, threads)))
-        if loop is not None:
-            turns.c.append(steps / _timed(partial(loop, PLAN, starts, threads)))
-        if other is not None:
-            turns.crazyflow.append(other.steps_per_s())
-    if other is not None:
-        other.close()
-    to_c, to_crazyflow = _ratio(turns.ours, turns.c), _ratio(turns.ours, turns.crazyflow)
+    notes: dict[str, str] = {}
+    sides: dict[str, Callable[[], float]] = {
+        "ours": partial(_rate, lambda: run(PLAN, threads)),
+        "together": partial(_rate, lambda: run(TOGETHER, threads)),
+    }
+    with ExitStack() as stack:
+        try:
+            loop = c_loop()
+            apart = difference(ours, loop(PLAN, starts, threads))
+            sides["C"] = partial(_rate, lambda: loop(PLAN, starts, threads))
+        except UnavailableError as reason:
+            notes["C"] = str(reason)
+        try:
+            sides["crazyflow"] = stack.enter_context(crazyflow())
+        except UnavailableError as reason:
+            notes["crazyflow"] = str(reason)
+        best = dict.fromkeys(sides, 0.0)
+        for _ in range(ROUNDS):
+            for side in list(best):
+                try:
+                    best[side] = max(best[side], sides[side]())
+                except UnavailableError as reason:
+                    notes[side] = str(reason)
+                    del best[side]
+
+    def ratio(side: str, to: str) -> float | None:
+        return best[side] / best[to] if to in best else None
+
+    to_c, to_crazyflow = ratio("ours", "C"), ratio("ours", "crazyflow")
     return Report(
-        steps_per_s=max(turns.ours),
-        together_steps_per_s=max(turns.together),
-        c_steps_per_s=max(turns.c) if turns.c else None,
-        crazyflow_steps_per_s=max(turns.crazyflow) if turns.crazyflow else None,
+        steps_per_s=best["ours"],
+        together_steps_per_s=best["together"],
+        c_steps_per_s=best.get("C"),
+        crazyflow_steps_per_s=best.get("crazyflow"),
         ratio_to_c=to_c,
-        ratio_to_c_together=_ratio(turns.together, turns.c),
+        ratio_to_c_together=ratio("together", "C"),
         ratio_to_crazyflow=to_crazyflow,
         difference_to_c=apart,
         compile_s=compile_s,
         cached_s=cached_s,
         cores=threads,
-        notes=notes,
-        met=(to_c is None or to_c >= GOAL_C)
-        and (to_crazyflow is None or to_crazyflow >= GOAL_CRAZYFLOW)
-        and compile_s <= GOAL_COMPILE_S,
+        notes=[f"no ratio to {side}, and its goal not met: {reason}" for side, reason in notes.items()],
+        met=_reached(to_c, GOAL_C) and _reached(to_crazyflow, GOAL_CRAZYFLOW) and compile_s <= GOAL_COMPILE_S,
     )
 
 
-def _ratio(ours: list[float], theirs: list[float]) -> float | None:
-    return max(ours) / max(theirs) if theirs else None
+def _reached(ratio: float | None, goal: float) -> bool:
+    return ratio is not None and ratio >= goal
+
+
+def _rate(fly_all: Callable[[], object]) -> float:
+    """Steps per second of a function that flies `PLAN`, or as many flights."""
+    start = time.perf_counter()
+    fly_all()
+    return PLAN.flights * (PLAN.steps + 1) / (time.perf_counter() - start)
 
 
 def _first_flights() -> tuple[float, float]:
@@ -289,48 +300,31 @@ def _first_flights() -> tuple[float, float]:
     return found[0], found[1]
 
 
-def _timed(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
-
-
 def rows(report: Report) -> list[tuple[str, str, str]]:
     """The report as lines to print: what, how much, and the goal it is held against."""
-    met = {True: "met", False: "MISSED"}
-    to_c, to_crazyflow = report["ratio_to_c"], report["ratio_to_crazyflow"]
-    found = [
-        ("ours", f"{report['steps_per_s'] / 1e6:.1f} M steps/s", f"on {report['cores']} cores"),
-        ("ours, references shared", f"{report['together_steps_per_s'] / 1e6:.1f} M steps/s", ""),
-    ]
-    if report["c_steps_per_s"] is not None and to_c is not None:
-        together = report["ratio_to_c_together"]
-        found += [
-            ("hand-written C", f"{report['c_steps_per_s'] / 1e6:.1f} M steps/s", ""),
-            ("ratio to C", f"{to_c:.2f}", f"at least {GOAL_C} {met[to_c >= GOAL_C]}"),
-            ("ratio to C, references shared", f"{together:.2f}", ""),
-            ("largest difference to C", f"{report['difference_to_c']:.1e}", ""),
-        ]
-    if report["crazyflow_steps_per_s"] is not None and to_crazyflow is not None:
-        found += [
-            (
-                "crazyflow",
-                f"{report['crazyflow_steps_per_s'] / 1e6:.2f} M steps/s",
-                "1000 worlds, attitude control",
-            ),
-            (
-                "ratio to crazyflow",
-                f"{to_crazyflow:.1f}",
-                f"at least {GOAL_CRAZYFLOW} {met[to_crazyflow >= GOAL_CRAZYFLOW]}",
-            ),
-        ]
-    compile_s = report["compile_s"]
+    compile_s, apart = report["compile_s"], report["difference_to_c"]
     return [
-        *found,
+        ("ours", _rate_text(report["steps_per_s"]), f"on {report['cores']} cores"),
+        ("ours, references shared", _rate_text(report["together_steps_per_s"]), ""),
+        ("hand-written C", _rate_text(report["c_steps_per_s"]), ""),
+        ("ratio to C", *_ratio_texts(report["ratio_to_c"], GOAL_C)),
+        ("ratio to C, references shared", _ratio_texts(report["ratio_to_c_together"], GOAL_C)[0], ""),
+        ("largest difference to C", NOT_MEASURED if apart is None else f"{apart:.1e}", ""),
+        ("crazyflow", _rate_text(report["crazyflow_steps_per_s"]), "1000 worlds, attitude control"),
+        ("ratio to crazyflow", *_ratio_texts(report["ratio_to_crazyflow"], GOAL_CRAZYFLOW)),
         (
             "first flight, compiling",
             f"{compile_s:.1f} s",
-            f"at most {GOAL_COMPILE_S} s {met[compile_s <= GOAL_COMPILE_S]}",
+            f"at most {GOAL_COMPILE_S} s {_VERDICT[compile_s <= GOAL_COMPILE_S]}",
         ),
         ("first flight, cached", f"{report['cached_s']:.1f} s", ""),
     ]
+
+
+def _rate_text(steps_per_s: float | None) -> str:
+    return NOT_MEASURED if steps_per_s is None else f"{steps_per_s / 1e6:.2f} M steps/s"
+
+
+def _ratio_texts(ratio: float | None, goal: float) -> tuple[str, str]:
+    value = NOT_MEASURED if ratio is None else f"{ratio:.2f}"
+    return value, f"at least {goal} {_VERDICT[_reached(ratio, goal)]}"

@@ -1,12 +1,15 @@
 """The functions that fly, compiled: numba is given the very text of guidance and plant, from outside.
 
 Nothing in `guidance` knows of it: the vehicle has no compiler, and there the same functions are interpreted.
-Both compute the same to the last bit or nearly so: no rule of arithmetic is relaxed (`fastmath` stays off).
-Division by zero is the one difference, as in numpy: it gives inf or NaN and raises nothing.
+Both compute the same but for the last bits. One rule of arithmetic is relaxed, as C compilers relax it
+unasked: a product may go into a sum unrounded (`contract`), where the processor has one instruction for both.
+Nothing else that `fastmath` could allow is: sums keep their order, quotients stay quotients, NaN and infinity
+keep their meaning. Division by zero gives inf or NaN, as in numpy, and raises nothing.
 
 numba keeps machine code in files and looks only at the file of the function that was asked for, not at what
 that calls, so that after a change of the law it would serve the old one. Here the folder is named by a hash
-of every source in it; a changed source has a folder of its own, and those not used for a month are removed.
+of every source in it and of the processor; a changed source has a folder of its own, and those not used for a
+month are removed.
 """
 
 from __future__ import annotations
@@ -18,11 +21,13 @@ import platform
 import shutil
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+import llvmlite.binding as llvm
 import numba
 import numpy as np
 from numba.extending import register_jitable
@@ -48,6 +53,9 @@ MATHS: Final[tuple[ModuleType, ...]] = (
 #: Too seldom and too long to be worth a copy at each place that calls them.
 SELDOM: Final = frozenset({"_bounded", "_roll", "_step_with_lags"})
 
+#: What every function is compiled with.
+OPTIONS: Final[dict[str, Any]] = {"error_model": "numpy", "fastmath": {"contract"}}
+
 #: Folders of sources that nobody has any more go after this.
 STALE_AFTER_S: Final = 30 * 24 * 3600
 
@@ -69,14 +77,23 @@ def register() -> None:
     """
     for module in MATHS:
         for function in functions(module):
-            register_jitable(error_model="numpy", forceinline=function.__name__ not in SELDOM)(function)
+            register_jitable(**OPTIONS, forceinline=function.__name__ not in SELDOM)(function)
+
+
+def processor() -> str:
+    """Name and features of the processor that machine code is made for; a home directory may see several."""
+    return f"{platform.machine()} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
 
 
 def key() -> str:
-    """What the machine code depends on: the text of the maths, numba, numpy, python and the processor."""
+    """What the machine code depends on: the text of the maths, numba, numpy, python and the processor.
+
+    How it is compiled (`OPTIONS`, `SELDOM`) is the text of this module.
+    """
     digest = hashlib.sha256()
-    for part in (numba.__version__, np.__version__, platform.python_version(), platform.machine()):
+    for part in (numba.__version__, np.__version__, platform.python_version(), processor()):
         digest.update(part.encode() + b"\0")
+    digest.update(Path(__file__).read_bytes() + b"\0")
     for module in MATHS:
         digest.update(module.__name__.encode() + b"\0")
         digest.update(Path(str(module.__file__)).read_bytes() + b"\0")
@@ -91,14 +108,19 @@ def cache_root() -> Path:
 
 
 def cache_folder() -> Path:
-    """Where this text's machine code lies; created here, the stale ones removed."""
+    """Where this text's machine code lies; created here, the stale ones removed.
+
+    Raises:
+        OSError: there is no place that can be written to.
+    """
     root = cache_root()
     folder = root / key()
     folder.mkdir(parents=True, exist_ok=True)
     os.utime(folder)
     for other in root.iterdir():
-        if other != folder and other.stat().st_mtime < time.time() - STALE_AFTER_S:
-            shutil.rmtree(other, ignore_errors=True)
+        with suppress(FileNotFoundError):  # another process removes the same
+            if other != folder and other.stat().st_mtime < time.time() - STALE_AFTER_S:
+                shutil.rmtree(other, ignore_errors=True)
     return folder
 
 
@@ -118,7 +140,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     except OSError:
         keep = False
     try:
-        jit: Callable[..., Any] = numba.njit(nogil=True, error_model="numpy", cache=keep)(function)
+        jit: Callable[..., Any] = numba.njit(**OPTIONS, nogil=True, cache=keep)(function)
     finally:
         settings["CACHE_DIR"] = before
     return jit

@@ -138,13 +138,13 @@ def _advance(position: Triple, attitude: Wxyz, turn: Triple, shift: Triple) -> t
     tx, ty, tz = turn
     sx, sy, sz = shift
     angle2 = tx * tx + ty * ty + tz * tz
-    angle = math.sqrt(angle2)
-    if angle < SERIES_BELOW_RAD:
-        c1 = 0.5 - angle2 * (1.0 / 24.0 - angle2 / 720.0)
-        c2 = 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 / 5040.0)
-        half_sinc = 0.5 - angle2 * (1.0 / 48.0 - angle2 / 3840.0)
-        cosine = 1.0 - angle2 * (0.125 - angle2 / 384.0)
+    if angle2 < SERIES_BELOW_RAD * SERIES_BELOW_RAD:
+        c1 = 0.5 - angle2 * (1.0 / 24.0 - angle2 * (1.0 / 720.0))
+        c2 = 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 * (1.0 / 5040.0))
+        half_sinc = 0.5 - angle2 * (1.0 / 48.0 - angle2 * (1.0 / 3840.0))
+        cosine = 1.0 - angle2 * (0.125 - angle2 * (1.0 / 384.0))
     else:
+        angle = math.sqrt(angle2)
         sine = math.sin(0.5 * angle)
         cosine = math.cos(0.5 * angle)
         half_sinc = sine / angle

@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -117,6 +118,37 @@ def test_the_cache_is_the_users_and_named_by_the_sources(
     monkeypatch.setattr(compilation, "MATHS", compilation.MATHS[1:])
     assert cache_folder().name != recent.name
     assert len(list(cache_folder().parent.iterdir())) == 3
+
+
+def test_another_processor_or_another_way_to_compile_has_a_folder_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    here = key()
+    with monkeypatch.context() as context:
+        context.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
+        assert key() != here
+    features = llvm.get_host_cpu_features()
+    features["fma"] = not features["fma"]
+    with monkeypatch.context() as context:
+        context.setattr("llvmlite.binding.get_host_cpu_features", lambda: features)
+        assert key() != here
+    assert key() == here
+    edited = tmp_path / "compiled.py"
+    edited.write_text(Path(compilation.__file__).read_text() + "\n")
+    monkeypatch.setattr(compilation, "__file__", str(edited))
+    assert key() != here
+
+
+def test_a_folder_that_another_process_removes_meanwhile_is_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    gone, stale = (tmp_path / "se3-guidance/compiled" / name for name in ("gone", "stale"))
+    stale.mkdir(parents=True)
+    os.utime(stale, (0.0, 0.0))
+    monkeypatch.setattr(Path, "iterdir", lambda self: iter([gone, stale]))
+    assert cache_folder().is_dir()
+    assert not stale.exists()
 
 
 FLIGHT = """

@@ -104,7 +104,7 @@ def test_the_angle_decays_at_rho_from_every_attitude_whatever_reference_and_spee
 def test_it_never_asks_for_reverse_and_all_is_bounded(g: Gains, pose: Pose, r: Reference) -> None:
     for f in ERROR_FUNCTIONS:
         found = step(Parameters(GLOBAL, PITCH_YAW, g, f, UNBOUNDED), pose, r)
-        assert found.controls.u4 == max(0.0, found.y4 / g.beta)
+        assert found.controls.u4 == max(0.0, 1.0 / g.beta * found.y4)
         rate = sqrt(found.demanded.u2**2 + found.demanded.u3**2)
         assert rate <= 20.0 * max(g.rho2, g.rho3) * (1.0 + 1e-9)
         assert found.demanded.u1 == 0.0

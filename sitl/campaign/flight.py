@@ -4,8 +4,10 @@ A flight is a row of `PARAMETERS`, and what came of it a row of `OUTCOMES`; what
 share is `Common`. Rows rather than tuples, because a campaign has a million of them; everything in between,
 law and plant, is `guidance`'s and `sitl.plant`'s own. Units are SI, the world is NED.
 
-A few flights take their steps together. They have nothing to do with one another, so that a processor works
-on one while another waits for a square root; a flight's numbers are the same in any company.
+A few flights take their steps together: the references of all, then the law of all, then the plant of all.
+They have nothing to do with one another, so that a processor works on one while another waits for a square
+root, and the shorter each of the three is, the more flights it sees ahead. A flight's numbers are the same in
+any company.
 """
 
 from __future__ import annotations
@@ -171,7 +173,6 @@ def fly(common: Common, flights: Rows, outcomes: Rows) -> None:
                 apart = abreast
 
         for n in range(steps + 1):
-            # The references by themselves: sin and cos wait for all arithmetic before them.
             for j in range(apart):
                 t = flights[first + j, 7] + n * dt
                 r = reference_at(common.trajectory, common.shape, t)
@@ -240,9 +241,12 @@ def fly(common: Common, flights: Rows, outcomes: Rows) -> None:
                 if u.u4 < 0.0:
                     seen[j, 7] += 1.0
                 seen[j, 8] = error2
-                if n == steps:
-                    continue
+            if n == steps:
+                break
 
+            for j in range(abreast):
+                f = first + j
+                u = Controls(M[j, 0], M[j, 1], M[j, 2], M[j, 3])
                 if slots > 1:
                     U[j, n % slots, 0], U[j, n % slots, 1] = u.u1, u.u2
                     U[j, n % slots, 2], U[j, n % slots, 3] = u.u3, u.u4
@@ -250,8 +254,8 @@ def fly(common: Common, flights: Rows, outcomes: Rows) -> None:
                     late = (n + slots - ceil(flights[f, 22] / dt - 1e-9)) % slots
                     u = Controls(U[j, late, 0], U[j, late, 1], U[j, late, 2], U[j, late, 3])
                 body = PlantParameters(
-                    rate_max,
-                    max(abs(speed_min), abs(speed_max)),
+                    flights[f, 14],
+                    max(abs(flights[f, 12]), abs(flights[f, 13])),
                     flights[f, 23],
                     flights[f, 24],
                     common.is_planar,

@@ -37,7 +37,7 @@ FLAGS: Final = ("-O3", "-march=native", "-shared", "-fPIC", "-pthread")
 PLAN: Final = Plan(flights=4000, keep_direction=False, start_s=(0.0, 60.0))
 #: The same from one place, as a campaign flies unless it is told otherwise.
 TOGETHER: Final = replace(PLAN, start_s=(0.0, 0.0))
-ROUNDS: Final = 15
+ROUNDS: Final = 30
 GOAL_C: Final = 0.7
 GOAL_CRAZYFLOW: Final = 5.0
 GOAL_COMPILE_S: Final = 15.0

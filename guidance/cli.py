@@ -19,6 +19,7 @@ Examples:
 guidance demo                                       fly the built-in vehicle
 guidance demo --trajectory lemniscate --seconds 60
 guidance run --config vehicle.toml                  the service, for a real one
+guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
 """
 
@@ -173,6 +174,65 @@ def replay(
             )
         )
     raise typer.Exit(0 if found.identical else 1)
+
+
+@app.command()
+def watch(
+    connect: Annotated[
+        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to connect to (repeatable).")
+    ] = None,
+    listen: Annotated[
+        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to listen (repeatable).")
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="A zenoh configuration (json5) in place of the others."
+        ),
+    ] = None,
+    multicast: Annotated[
+        bool | None,
+        typer.Option(
+            "--multicast/--no-multicast", help="Whether to look around on the network.", show_default=False
+        ),
+    ] = None,
+    vehicle: Annotated[str | None, typer.Option(metavar="NAME", help="Only this one.")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object per vehicle and second on stdout.")
+    ] = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="End after so long, s; else with Ctrl-C (status 130).")
+    ] = None,
+) -> None:
+    """Show every vehicle on the network, live, by what its service publishes over zenoh.
+
+    A service publishes where [zenoh] of its configuration says: connect to its `listen`, or to the router
+    that it connects to. Without a place this looks at tcp/127.0.0.1:7447 and around by multicast, which
+    finds services that have multicast_scouting = true and listen somewhere.
+
+    Examples:
+
+    \b
+    guidance watch
+    guidance watch --connect tcp/192.168.1.2:7447 --connect tcp/192.168.1.3:7447
+    guidance watch --listen tcp/0.0.0.0:7447 --vehicle uuv-1
+    guidance watch --json --seconds 10
+    """
+    from guidance.watch import watch as watch_fleet
+
+    try:
+        status = watch_fleet(
+            connect=connect or (),
+            listen=listen or (),
+            config_file=config,
+            multicast=multicast,
+            vehicle=vehicle,
+            as_json=as_json,
+            seconds=seconds,
+        )
+    except ValueError as error:
+        raise _refuse(error) from None
+    raise typer.Exit(status)
 
 
 def main() -> None:

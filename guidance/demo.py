@@ -8,13 +8,11 @@ reference at the same instants afterwards.
 from __future__ import annotations
 
 import contextlib
-import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Final, NamedTuple
 
 import msgspec
@@ -24,11 +22,15 @@ from guidance.config import Config, ConfigError, from_json, load, parse_connecti
 from guidance.demo_view import Result as Result  # what `fly` returns, so found here
 from guidance.demo_view import View
 from guidance.figures import Goals, StreamFigures, TrackingFigures, stream_figures, tracking_figures
+from guidance.fleet import Fleet
 from guidance.mavlink.profiles import PROFILES
+from guidance.noted_signals import noted_signals
 from guidance.records import Packet, Record, Session, Status
 from guidance.se3 import Vec3, add, norm, subtract
 from guidance.telemetry.log import LogDamaged, NotALog, read_records
+from guidance.telemetry.schema import RECORDS
 from guidance.telemetry.subscriber import Subscriber
+from guidance.telemetry.zenoh_sink import zenoh_config
 from guidance.trajectory import sample
 
 CONFIG_FILE: Final = Path(__file__).with_name("demo.toml")
@@ -71,7 +73,7 @@ def fly(seconds: float, overrides: Sequence[str]) -> Result:
     directory = Path(plan.config.log.directory)
     before = set(directory.glob("*.mcap"))
     truth: list[Truth] = []
-    with _noted_signals() as noted, View(seconds) as view:
+    with noted_signals() as noted, View(seconds) as view:
         view.head(plan.config, plan.watch_at)
         with (
             Child(_vehicle_command(plan.config), "vehicle", view.line) as vehicle,
@@ -79,10 +81,16 @@ def fly(seconds: float, overrides: Sequence[str]) -> Result:
         ):
             vehicle.listen(lambda line: _take_truth(line, truth))
             service.listen(None)
-            with Subscriber(plan.config.vehicle.name, plan.watch_at) as watch:
+            name, fleet = plan.config.vehicle.name, Fleet()
+            with Subscriber(zenoh_config(connect=[plan.watch_at]), name) as watch:
+
+                def latest(topic: str) -> Record | None:
+                    fleet.take(watch.take())
+                    return fleet.newest(name, RECORDS[topic])
+
                 step_s = plan.config.supervisor.step_timeout_s + 1.0  # the service's own word comes first
                 try:
-                    _watch(seconds, step_s, (vehicle, service), watch.latest, view, noted)
+                    _watch(seconds, step_s, (vehicle, service), latest, view, noted)
                 except DemoError as error:
                     service.stop()
                     log = _log_of(plan.config, set(directory.glob("*.mcap")) - before)
@@ -243,24 +251,6 @@ def _take_truth(line: str, truth: list[Truth]) -> None:
     with contextlib.suppress(msgspec.DecodeError, KeyError):  # the last line may be cut
         row = msgspec.json.decode(line)
         truth.append(Truth(row["t_ns"], Vec3(*row["position_ned_m"])))
-
-
-@contextlib.contextmanager
-def _noted_signals() -> Iterator[list[int]]:
-    """Signals that would end this process are noted instead, so that it can end its children first."""
-    noted: list[int] = []
-
-    def note(number: int, _: FrameType | None) -> None:
-        noted.append(number)
-
-    before = {
-        number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    }
-    try:
-        yield noted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _free_port(kind: socket.SocketKind) -> int:

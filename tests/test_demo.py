@@ -19,10 +19,12 @@ from rich.console import Console
 from guidance.demo import goals
 from guidance.demo_view import Result, View, show
 from guidance.figures import StreamFigures, TrackingFigures
+from guidance.fleet import Fleet
 from guidance.records import LOG_ONLY, TOPICS, Link, Lost, Record, Setpoint, Status, Timing, TrackingError
 from guidance.replay import replay
 from guidance.telemetry.log import read_records
 from guidance.telemetry.subscriber import Subscriber
+from guidance.telemetry.zenoh_sink import zenoh_config
 from tests.helpers import fly_until_tracking, make_config, make_flight
 
 DEMO = [sys.executable, "-m", "guidance", "demo"]
@@ -83,11 +85,13 @@ def test_the_demo_tracks_is_seen_over_zenoh_and_leaves_a_log_that_replays(tmp_pa
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     listen = f'zenoh.listen=["{endpoint}"]'
     with demo(tmp_path, "--seconds", "13", "--json", "--set", listen) as child:
-        with Subscriber("demo", endpoint) as watch:
+        fleet = Fleet()
+        with Subscriber(zenoh_config(connect=[endpoint])) as watch:
             out, err = child.communicate(timeout=PATIENCE_S)
-            seen = {topic for topic in TOPICS.values() if watch.latest(topic) is not None}
+            fleet.take(watch.take())
         assert child.returncode == 0, err
-        assert watch.garbage == 0
+        seen = {topic for record, topic in TOPICS.items() if fleet.newest("demo", record) is not None}
+        assert fleet.ignored == {}
     assert seen >= {"state", "reference", "setpoint", "error", "status", "link", "timing", "event"}
     figures = json.loads(out.splitlines()[-1])
     assert figures["tracked"] is True

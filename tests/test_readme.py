@@ -41,6 +41,7 @@ INSTALL_AND_TEST = (
 BY_HAND = [c for c in COMMANDS if c.startswith(".venv/bin/sitl vehicle") or "run --config" in c]
 DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]
 REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
+WATCHES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance watch")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
@@ -53,7 +54,7 @@ def words(command: str) -> list[str]:
 
 
 def test_every_command_is_run_by_a_test_here() -> None:
-    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *PAPER, *CAMPAIGNS, *OTHERS])
+    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *WATCHES, *PAPER, *CAMPAIGNS, *OTHERS])
     assert len(DEMOS) >= 3
     assert len(BY_HAND) >= 3
     assert REPLAYS
@@ -98,6 +99,20 @@ def test_replay_of_a_log_is_identical(command: str, tmp_path: Path) -> None:
     outcome = CliRunner().invoke(guidance_cli.app, [*verb, str(book.path)])
     assert outcome.exit_code == 0, outcome.output
     assert "identical" in outcome.output
+
+
+@pytest.mark.parametrize("command", WATCHES)
+def test_watch_watches(command: str) -> None:
+    """For a moment, and without looking around on the network of whoever runs the tests."""
+    arguments = [*words(command), "--no-multicast", "--seconds", "0.1"]
+    outcome = subprocess.run(
+        [sys.executable, "-m", "guidance", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=40,
+        check=False,
+    )
+    assert outcome.returncode == 0, outcome.stderr
 
 
 @pytest.mark.parametrize("command", CAMPAIGNS)

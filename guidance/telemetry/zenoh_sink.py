@@ -23,6 +23,7 @@ from typing import ClassVar, Final, Literal, Protocol
 import zenoh
 
 from guidance.records import LOG_ONLY, TOPICS, Event, Session, Status
+from guidance.telemetry.arrivals import VEHICLE
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.schema import RECORDS, encoding_schema
 from guidance.telemetry.worker import ThreadedSink
@@ -35,7 +36,8 @@ _LOOK_NS: Final = 1_000_000_000  # between looks at the state of the session
 _WAITING_QUERIES: Final = 64
 #: Rare and telling: these overtake the streams when the link is congested.
 _URGENT: Final = frozenset({TOPICS[Session], TOPICS[Status], TOPICS[Event]})
-_VEHICLE: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+#: Protocols whose address ends with a port. Zenoh takes one without and tries it for ever.
+_PORTLESS: Final = re.compile(r"(tcp|udp|tls|quic|ws)/(?![^?#]*:\d{1,5}([?#]|$))")
 
 
 def zenoh_config(
@@ -61,7 +63,12 @@ def zenoh_config(
         try:
             return zenoh.Config.from_file(str(config_file))
         except Exception as error:  # zenoh raises whatever its parser met
-            raise ValueError(f"zenoh: cannot use the file {config_file}: {_brief(error)}") from error
+            raise ValueError(f"zenoh: cannot use the file {config_file}: {brief(error)}") from error
+    for locator in (*connect, *listen):
+        if _PORTLESS.match(locator):
+            raise ValueError(
+                f"zenoh: {locator!r} names no port: PROTOCOL/HOST:PORT, as in tcp/192.168.1.2:7447"
+            )
     config = zenoh.Config()
     settings = {
         "mode": mode,
@@ -73,7 +80,7 @@ def zenoh_config(
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise ValueError(f"zenoh: {key} = {value!r} is not accepted: {_brief(error)}") from error
+            raise ValueError(f"zenoh: {key} = {value!r} is not accepted: {brief(error)}") from error
     return config
 
 
@@ -116,7 +123,7 @@ class ZenohSink(ThreadedSink):
         super().__init__(
             "zenoh", capacity=capacity, capacity_bytes=capacity_bytes, clock_ns=clock_ns, wait=wait
         )
-        if _VEHICLE.fullmatch(vehicle) is None:
+        if VEHICLE.fullmatch(vehicle) is None:
             raise ValueError(
                 f"vehicle = {vehicle!r}: only letters, digits and _.- can be part of a zenoh key"
             )
@@ -167,7 +174,7 @@ class ZenohSink(ThreadedSink):
             )
             self._token = self._session.liveliness().declare_token(self.liveliness_key)
         except zenoh.ZError as error:
-            self._abandon(f"cannot open a session: {_brief(error)}")
+            self._abandon(f"cannot open a session: {brief(error)}")
             return
         self._trouble = ""
         self._retry_s = FIRST_RETRY_S
@@ -202,7 +209,7 @@ class ZenohSink(ThreadedSink):
             publisher.put(sample.payload)
         except zenoh.ZError as error:
             self._discarded += 1
-            self._abandon(f"cannot publish: {_brief(error)}")
+            self._abandon(f"cannot publish: {brief(error)}")
 
     def _turn(self) -> None:
         if self._session is None:
@@ -213,7 +220,7 @@ class ZenohSink(ThreadedSink):
                 self._look_ns = self._clock_ns() + _LOOK_NS
                 self._look(self._session)
         except zenoh.ZError as error:
-            self._abandon(f"the session failed: {_brief(error)}")
+            self._abandon(f"the session failed: {brief(error)}")
 
     def _answer_queries(self) -> None:
         assert self._queryable is not None
@@ -266,6 +273,6 @@ def close_quietly(session: _Closable) -> None:
         session.close()
 
 
-def _brief(error: Exception) -> str:
+def brief(error: Exception) -> str:
     """Zenoh's own words without the places in its source, which tell an operator nothing."""
     return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error)).strip()

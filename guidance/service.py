@@ -17,6 +17,7 @@ from typing import Final
 
 from guidance import __version__
 from guidance.config import Config, to_json
+from guidance.notify import Notifier
 from guidance.records import SCHEMA_VERSION, Command, Session
 from guidance.shell import Shell
 from guidance.telemetry.sinks import configured_sinks
@@ -53,7 +54,8 @@ def new_session(config: Config) -> Session:
 async def _serve(config: Config) -> int:
     session = new_session(config)
     sinks = configured_sinks(config, session)
-    shell = Shell(config, sinks, session)
+    notifier = Notifier(os.environ, os.getpid())
+    shell = Shell(config, sinks, session, notifier)
     loop = asyncio.get_running_loop()
 
     def stop() -> None:
@@ -75,6 +77,7 @@ async def _serve(config: Config) -> int:
     except Exception:
         status = 1
         _leave_at_the_latest(lambda: 1)
+        notifier.failed("internal error, no setpoint follows")
         _say(f"guidance: internal error, no setpoint follows; please report it\n{traceback.format_exc()}")
     left = sinks.close(CLOSE_S)
     if left:

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from guidance.config import Config, parse_connection
 from guidance.core import Guide
+from guidance.notify import Notifier
 from guidance.records import Command, InputKind, Session
 from guidance.telemetry.sinks import Sinks
 
@@ -34,12 +35,15 @@ Address = tuple[Any, ...]
 class Shell:
     """One guide on one event loop."""
 
-    def __init__(self, config: Config, sinks: Sinks, session: Session) -> None:
+    def __init__(
+        self, config: Config, sinks: Sinks, session: Session, notifier: Notifier | None = None
+    ) -> None:
         self._guide = Guide(config)
         self._connection = parse_connection(config.link.connection)
         self._listens = self._connection.scheme == "udpin"
         self._text = f"{self._connection.scheme}://{self._connection.host}:{self._connection.port}"
         self._sinks = sinks
+        self._notifier = notifier or Notifier({}, 0)  # mute
         self._loop = asyncio.get_running_loop()
         self._socket: socket.socket | None = None
         self._peer: Address | None = None
@@ -121,7 +125,9 @@ class Shell:
             while self._notes:
                 self._guide.note(*self._notes.pop(0), time.monotonic_ns())
                 self._send()
-            self._sinks.publish(self._guide.records())
+            records = self._guide.records()
+            self._sinks.publish(records)
+            self._notifier.turn(records, now_ns)
             if self._guide.finished:
                 self._stopped.set()
             else:

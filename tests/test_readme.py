@@ -45,6 +45,7 @@ WATCHES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance watch")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
+ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
 OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", BENCH_CAMPAIGN, ".ci/run"]
 
 
@@ -54,7 +55,9 @@ def words(command: str) -> list[str]:
 
 
 def test_every_command_is_run_by_a_test_here() -> None:
-    assert sorted(COMMANDS) == sorted([*BY_HAND, *DEMOS, *REPLAYS, *WATCHES, *PAPER, *CAMPAIGNS, *OTHERS])
+    assert sorted(COMMANDS) == sorted(
+        [*BY_HAND, *DEMOS, *REPLAYS, *WATCHES, *PAPER, *CAMPAIGNS, *ON_THE_VEHICLE, *OTHERS]
+    )
     assert len(DEMOS) >= 3
     assert len(BY_HAND) >= 3
     assert REPLAYS
@@ -195,3 +198,24 @@ def test_the_configurations_named_exist(command: str) -> None:
         assert not config.supervisor.arm
     else:
         assert arguments[0] == "vehicle"
+
+
+def test_what_is_installed_on_the_vehicle_is_where_the_unit_looks_for_it(tmp_path: Path) -> None:
+    """The lines that copy are run, into another root; the others are compared with the unit."""
+    unit = (ROOT / "deploy" / "guidance@.service").read_text(encoding="utf-8")
+    (started,) = re.findall(r"^ExecStart=(.*)", unit, re.MULTILINE)
+    program, *_, config = shlex.split(started.replace("%E", "/etc").replace("%i", "uuv-1"))
+    venv = program.removesuffix("/bin/guidance")
+    install, enable, status = (ON_THE_VEHICLE[i] for i in (1, 4, 5))
+    assert install == f"sudo python3 -m venv {venv} && sudo {venv}/bin/pip install -q ."
+    assert (enable, status) == (
+        "sudo systemctl enable --now guidance@uuv-1",
+        "systemctl status guidance@uuv-1",
+    )
+    (tmp_path / "etc/systemd/system").mkdir(parents=True)
+    copies = [part for line in ON_THE_VEHICLE for part in line.split(" && ") if re.search("mkdir|cp", part)]
+    for copy in copies:
+        words_there = [re.sub("^/etc", f"{tmp_path}/etc", word) for word in shlex.split(copy)[1:]]
+        subprocess.run(words_there, cwd=ROOT, check=True)
+    load(tmp_path / config.lstrip("/"))
+    assert (tmp_path / "etc/systemd/system/guidance@.service").read_text(encoding="utf-8") == unit

@@ -237,7 +237,7 @@ def _fly(
         return
     console = Console()
     # A pipe has no width: there the table is as wide as it needs to be.
-    show(summaries, plans[0].within_m, console if console.is_terminal else Console(width=140))
+    show(summaries, plans[0].within_m, console if console.is_terminal else Console(width=160))
     typer.echo(f"{steps:,} steps in {seconds:.1f} s")
     for path in (output, plot):
         if path is not None:

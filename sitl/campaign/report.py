@@ -73,7 +73,10 @@ def _quantiles(values: Rows) -> Quantiles:
 
 def show(summaries: list[Summary], within_m: float, console: Console) -> None:
     """The table."""
-    title = f"Converged: below {_metres(within_m)} for good. Left to: the largest error after a first entry."
+    title = (
+        f"Converged: below {_metres(within_m)} for good. In time: by the time that the campaign sets. "
+        "Left to: the largest error after a first entry."
+    )
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("campaign")
     for heading in ("flights", "converged", "in time"):

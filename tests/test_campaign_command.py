@@ -32,6 +32,8 @@ pytestmark = pytest.mark.timeout(120)  # the first of these compiles, and other 
         ({"beta": (1.0, math.inf)}, "beta must be at least 1e-06 and at most 1e+06, not inf"),
         ({"start_rate_rad_s": (-1.0, 1.0)}, "start_rate_rad_s must be at least 0"),
         ({"start_speed_m_s": (0.0, math.nan)}, "start_speed_m_s must be at least"),
+        ({"speed_max_m_s": (0.0, 5.0)}, "speed_max_m_s must be at least 0.001"),
+        ({"rate_max_rad_s": (1e-4, 5.0)}, "rate_max_rad_s must be at least 0.001"),
         ({"due_s": 0.0}, "due_s must be above 0"),
         ({"rate_max_rad_s": (5.0, 4.0)}, "rate_max_rad_s must be LOWEST:HIGHEST, not 5:4"),
         ({"speed_min_m_s": (0.0, 6.0)}, "speed_min_m_s must not exceed speed_max_m_s"),

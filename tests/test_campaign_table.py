@@ -60,6 +60,13 @@ def test_hard_starts_are_as_hard_as_their_names(plan: Plan) -> None:
     assert seen >= {"exactly opposite", "field zero", "field orthogonal", "ahead on the axis"}
 
 
+def test_exactly_opposite_is_so_in_compiled_arithmetic_too() -> None:
+    for plan in (plan for plan in HARD if plan.law == "global"):
+        singular = run(plan, threads=1).outcome("singular_steps")
+        for start, steps in zip(plan.starts, singular, strict=True):
+            assert steps > 0.0 or "opposite" not in start.name, (plan.name, start.name)
+
+
 def test_hard_starts_know_of_the_gains() -> None:
     gains = Gains(0.7, 10.0, 10.0, 1.9)
     reference = sample(Helix(), 0.0)

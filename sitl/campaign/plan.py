@@ -21,11 +21,6 @@ from sitl.campaign.flight import PARAMETERS, START_RATES, TRAJECTORIES, Common
 LONGEST_DELAY_STEPS: Final = 500
 MOST_STEPS: Final = 10_000_000
 MOST_FLIGHTS: Final = 1_000_000_000
-#: k, rho2, rho3 and beta, as in a configuration; beyond, products of gains leave the range of numbers.
-LEAST_GAIN: Final = 1e-6
-MOST_GAIN: Final = 1e6
-#: Of the rates of change, m/s^2 and rad/s^2; less is a vehicle that does not move.
-LEAST_ACCELERATION: Final = 1e-3
 
 QUADRATIC: Final = tuning.Quadratic()
 #: Of section 4.
@@ -50,24 +45,29 @@ class Bound(NamedTuple):
     above: bool = False
 
 
-#: Of each of `Ranges`.
+_GAIN: Final = Bound(tuning.LEAST_GAIN, tuning.MOST_GAIN)
+_SPEED: Final = Bound(-tuning.MOST_SPEED_M_S, tuning.MOST_SPEED_M_S)
+#: Infinite is no limit.
+_ACCELERATION: Final = Bound(tuning.LEAST_ACCELERATION, math.inf)
+
+#: Of each of `Ranges`; gains and limits as in a configuration.
 BOUNDS: Final[dict[str, Bound]] = {
     "distance_m": Bound(0.0, 1e5),
     "start_s": Bound(-1e5, 1e5),
-    "k": Bound(LEAST_GAIN, MOST_GAIN),
-    "rho2_per_s": Bound(LEAST_GAIN, MOST_GAIN),
-    "rho3_per_s": Bound(LEAST_GAIN, MOST_GAIN),
-    "beta": Bound(LEAST_GAIN, MOST_GAIN),
-    "speed_min_m_s": Bound(-1e4, 1e4),
-    "speed_max_m_s": Bound(0.0, 1e4, above=True),
-    "rate_max_rad_s": Bound(0.0, 1e4, above=True),
+    "k": _GAIN,
+    "rho2_per_s": _GAIN,
+    "rho3_per_s": _GAIN,
+    "beta": _GAIN,
+    "speed_min_m_s": _SPEED,
+    "speed_max_m_s": Bound(tuning.LEAST_SPEED_M_S, tuning.MOST_SPEED_M_S),
+    "rate_max_rad_s": Bound(tuning.LEAST_RATE_RAD_S, tuning.MOST_RATE_RAD_S),
     "wind_m_s": Bound(0.0, 1e3),
     "gust_m_s": Bound(0.0, 1e3),
     "delay_s": Bound(0.0, 10.0),
     "rate_lag_s": Bound(0.0, 10.0),
     "speed_lag_s": Bound(0.0, 10.0),
-    "start_speed_m_s": Bound(-1e4, 1e4),
-    "start_rate_rad_s": Bound(0.0, 1e4),
+    "start_speed_m_s": _SPEED,
+    "start_rate_rad_s": Bound(0.0, tuning.MOST_RATE_RAD_S),
 }
 
 
@@ -126,7 +126,7 @@ class Plan:
         if type(self.trajectory) not in TRAJECTORIES:
             raise ValueError(f"trajectory: a campaign cannot fly {type(self.trajectory).__name__}")
         for name in ("acceleration_m_s2", "turn_acceleration_rad_s2"):
-            _number(name, getattr(self, name), Bound(LEAST_ACCELERATION, math.inf))
+            _number(name, getattr(self, name), _ACCELERATION)
         _number("step_s", self.step_s, Bound(1e-5, 1.0))
         _number("duration_s", self.duration_s, Bound(4.0 * self.step_s, MOST_STEPS * self.step_s))
         _number("within_m", self.within_m, Bound(0.0, 1e5, above=True))

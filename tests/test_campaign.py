@@ -1,12 +1,11 @@
-"""Campaigns: the same seed gives the same numbers, flights fly as they should, the law keeps its promises."""
+"""Campaigns: the same seed gives the same numbers, and flights start and fly as they should."""
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,18 +13,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from guidance import error_function
 from guidance.allocation import PITCH_YAW
-from guidance.law import GLOBAL, UNSTARTED, Gains, Limits, Parameters, desired_field, guide_step
+from guidance.law import GLOBAL, UNSTARTED, Gains, Limits, Parameters, guide_step
 from guidance.limits import Controls
-from guidance.se3 import Pose, Quaternion, Twist, Vec3, body_axes, dot, norm
+from guidance.se3 import Pose, Quaternion, Twist, Vec3, norm
 from guidance.trajectory import TRAJECTORIES as ALL_TRAJECTORIES
 from guidance.trajectory import Circle, Helix, Lemniscate, Line, Zigzag, sample
-from sitl import cli
 from sitl.bench_campaign import PLAN, UnavailableError, c_loop, difference
-from sitl.campaign.flight import OUTCOMES, PARAMETERS, TRAJECTORIES, Rows, reference_at
-from sitl.campaign.plan import Plan, Start
-from sitl.campaign.presets import hard_starts, table
-from sitl.campaign.report import summary
-from sitl.campaign.run import Result, fly_range, load, run, save
+from sitl.campaign.flight import OUTCOMES, PARAMETERS, START_RATES, TRAJECTORIES, Rows, reference_at
+from sitl.campaign.plan import Plan
+from sitl.campaign.run import fly_range, run
 from sitl.plant import PlantCommand, PlantParameters, PlantState, step
 
 pytestmark = pytest.mark.timeout(120)  # the first of these compiles, and other work may keep the machine busy
@@ -90,6 +86,56 @@ def test_what_is_drawn_fills_its_ranges() -> None:
         assert np.ptp(parameter(rows, name)) == 0.0 or name == "gust_phase_rad"
 
 
+def test_flights_start_with_a_drawn_speed_and_drawn_rates_about_any_axis() -> None:
+    plan = replace(
+        SMALL, flights=4000, duration_s=0.1, start_speed_m_s=(-1.0, 5.0), start_rate_rad_s=(2.0, 5.0)
+    )
+    rows, _ = fly_range(plan, 0, plan.flights)
+    rates = np.stack([parameter(rows, name) for name in START_RATES], axis=1)
+    magnitude = np.linalg.norm(rates, axis=1)
+    for values, (low, high) in (
+        (parameter(rows, "start_speed_m_s"), (-1.0, 5.0)),
+        (magnitude, (2.0, 5.0)),
+    ):
+        assert low <= values.min() < low + 0.03
+        assert high - 0.03 < values.max() <= high + 1e-12
+        assert np.mean(values) == pytest.approx(0.5 * (low + high), rel=0.05)
+    axes = rates / magnitude[:, None]
+    # Of uniform directions each component has mean 0 and mean square 1/3.
+    assert_allclose(np.mean(axes, axis=0), 0.0, atol=0.03)
+    assert_allclose(np.mean(axes**2, axis=0), 1.0 / 3.0, atol=0.02)
+    assert set(plan.varying()) >= {"start_speed_m_s", *START_RATES}
+    assert not set(SMALL.varying()) & {"start_speed_m_s", *START_RATES}
+
+
+def test_a_planar_flight_starts_with_a_yaw_rate_alone_to_either_side() -> None:
+    plan = Plan(flights=1000, planar=True, duration_s=0.1, start_rate_rad_s=(2.0, 5.0))
+    roll, pitch, yaw = (parameter(fly_range(plan, 0, plan.flights)[0], name) for name in START_RATES)
+    assert_array_equal(roll, 0.0)
+    assert_array_equal(pitch, 0.0)
+    assert np.all((abs(yaw) >= 2.0) & (abs(yaw) <= 5.0))
+    assert np.mean(yaw > 0.0) == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("moving", [{"start_speed_m_s": (4.0, 5.0)}, {"start_rate_rad_s": (4.0, 5.0)}])
+@pytest.mark.parametrize(
+    ("change", "matters"),
+    [
+        ({}, False),
+        ({"rate_lag_s": (0.2, 0.2), "speed_lag_s": (0.2, 0.2)}, True),
+        ({"acceleration_m_s2": 2.0, "turn_acceleration_rad_s2": 5.0}, True),
+    ],
+)
+def test_motion_at_the_start_matters_to_lags_and_to_limits_on_change(
+    change: dict[str, Any], matters: bool, moving: dict[str, Any]
+) -> None:
+    at_rest = Plan(flights=20, law="global", duration_s=2.0, **change)
+    ours = fly_range(at_rest, 0, 20)[1]
+    theirs = fly_range(replace(at_rest, **moving), 0, 20)[1]
+    apart = np.abs(outcome(ours, "final_error_m") - outcome(theirs, "final_error_m"))
+    assert apart.min() > 1e-4 if matters else apart.max() == 0.0
+
+
 @pytest.mark.parametrize(
     "curve", [Helix(radius_m=2.0), Circle(), Line(heading_deg=30.0), Zigzag(), Lemniscate()]
 )
@@ -112,15 +158,23 @@ def test_a_flight_with_delay_and_wind_is_what_law_and_plant_give_in_a_loop_of_th
         speed_min_m_s=(0.0, 0.0),
         wind_m_s=(0.4, 0.4),
         delay_s=(0.09, 0.09),
+        rate_lag_s=(0.05, 0.05),
         speed_lag_s=(0.1, 0.1),
+        start_speed_m_s=(4.0, 4.0),
+        start_rate_rad_s=(3.0, 3.0),
+        acceleration_m_s2=3.0,
+        turn_acceleration_rad_s2=20.0,
     )
     rows, outcomes = fly_range(plan, 0, 1)
     values = dict(zip(PARAMETERS, map(float, rows[0]), strict=True))
-    limits = Limits(0.0, 5.0, 5.0, 5.0, 5.0, keep_direction=True)
+    limits = Limits(0.0, 5.0, 5.0, 5.0, 5.0, True, 3.0, 20.0, 20.0, 20.0)
     parameters = Parameters(GLOBAL, PITCH_YAW, Gains(1.0, 10.0, 10.0, 1.0), error_function.PAPER, limits)
-    body = PlantParameters(5.0, 5.0, 0.0, 0.1)
+    body = PlantParameters(5.0, 5.0, 0.05, 0.1)
     x = (values["north_m"], values["east_m"], values["down_m"])
-    state = PlantState(x, (values["qw"], values["qx"], values["qy"], values["qz"]))
+    attitude = (values["qw"], values["qx"], values["qy"], values["qz"])
+    roll, pitch, yaw = (values[name] for name in START_RATES)
+    assert math.hypot(roll, pitch, yaw) == pytest.approx(3.0)
+    state = PlantState(x, attitude, (roll, pitch, yaw), values["start_speed_m_s"])
     memory = UNSTARTED
     sent = [Controls(0.0, 0.0, 0.0, 0.0)] * 5  # 0.09 s is five steps of 0.02 s
     errors = []
@@ -169,198 +223,6 @@ def test_times_say_when_the_error_was_below_the_radius_first_and_for_good() -> N
     assert np.all(np.isnan(outcome(short, "entered_s")))
     assert np.all(np.isnan(outcome(short, "settled_s")))
     assert np.all(np.isnan(outcome(short, "excursion_m")))
-
-
-def test_hard_starts_are_as_hard_as_their_names() -> None:
-    reference = sample(Helix(), 0.0)
-    gains = Gains(1.0, 10.0, 10.0, 1.0)
-    seen = set()
-    for start in hard_starts():
-        field = desired_field(gains, start.position_ned_m, reference).Xr
-        b1, b2, b3 = body_axes(start.attitude)
-        y = (dot(b1, field), dot(b2, field), dot(b3, field))
-        kind = start.name.split(",")[0]
-        seen.add(kind)
-        if kind == "exactly opposite":
-            assert y[0] < 0.0
-            assert y[1] == y[2] == 0.0
-        elif kind == "field zero":
-            assert norm(field) == 0.0
-        elif kind == "field orthogonal":
-            assert abs(y[0]) < 1e-12 * norm(field)
-        elif "away" in start.name or kind == "ahead on the tangent":
-            assert y[0] < 0.0
-    assert seen >= {"exactly opposite", "field zero", "field orthogonal", "ahead on the axis"}
-
-
-def test_in_the_table_global_converges_from_everywhere_and_paper_without_reverse_does_not() -> None:
-    found = {}
-    for plan in table(flights=200):
-        result = run(plan, threads=1)
-        found[plan.name] = summary(result)
-    for name, figures in found.items():
-        assert figures["not_finite"] == 0
-        if "forward only" in name:
-            assert 0.2 < figures["converged"] < 0.8
-            assert figures["not_converged"]
-        else:
-            assert figures["converged"] == 1.0, name
-            assert figures["not_converged"] == []
-    everywhere = found["global, random"]
-    assert everywhere["flights"] == 200
-    assert everywhere["in_time"] == 1.0
-    assert found["global, hard starts"]["in_time"] == 1.0
-    assert found["global, reference at 0.9 v_max"]["flights"] == 20
-
-
-def synthetic() -> Result:
-    """Four flights: one that settled at 5 s, one at 25 s, one that left again, one that never came."""
-    outcomes = np.zeros((4, len(OUTCOMES)))
-    columns = {
-        "entered_s": [5.0, 5.0, 5.0, np.nan],
-        "settled_s": [5.0, 25.0, np.nan, np.nan],
-        "final_error_m": [0.001, 0.002, 1.0, 40.0],
-        "excursion_m": [0.009, 0.5, 2.0, np.nan],
-        "finite": [1.0, 1.0, 1.0, 1.0],
-        "start_error_m": [1.0, 10.0, 20.0, 40.0],
-        "start_heading_error_rad": [0.0, 1.0, 2.0, math.pi],
-    }
-    for name, values in columns.items():
-        outcomes[:, OUTCOMES.index(name)] = values
-    return Result(Plan(flights=4), {"north_m": np.arange(4.0)}, outcomes)
-
-
-def test_the_summary_counts_what_converged_what_was_in_time_and_what_left() -> None:
-    found = summary(synthetic())
-    assert found["converged"] == 0.5
-    assert found["in_time"] == 0.25
-    assert found["entered"] == 0.75
-    assert found["left"] == 0.25
-    assert found["not_converged"] == [2, 3]
-    assert found["settled_s"]["median"] == 15.0
-    assert found["settled_s"]["max"] == 25.0
-    assert found["final_error_m"]["max"] == 40.0
-    assert found["excursion_m"]["max"] == 2.0
-    json.dumps(found, allow_nan=False)
-
-
-def test_a_file_holds_the_plan_and_a_value_per_flight(tmp_path: Path) -> None:
-    path = tmp_path / "campaign.npz"
-    result = run(SMALL, threads=1)
-    save([result, replace(synthetic(), plan=replace(SMALL, name="other, with / in it", flights=4))], path)
-    found = load(path)
-    assert set(found) == {"campaign", "other, with / in it"}
-    assert json.loads(str(found["campaign"]["plan"]))["seed"] == 7
-    assert_array_equal(found["campaign"]["settled_s"], result.outcome("settled_s"))
-    assert found["campaign"]["k"].shape == (50,)
-    assert "beta" not in found["campaign"]
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        ({"flights": 0}, "flights must be a whole number from 1"),
-        ({"seed": -1}, "seed must be a whole number from 0"),
-        ({"law": "pid"}, "law must be one of paper, global, not 'pid'"),
-        ({"allocation": "yaw"}, "allocation must be one of"),
-        ({"k": (0.0, 1.0)}, "k must be above 0"),
-        ({"k": (-1.0, 1.0)}, "k must be above 0"),
-        ({"rho2_per_s": (math.nan, 1.0)}, "rho2_per_s must be above 0"),
-        ({"beta": (1.0, math.inf)}, "beta must be above 0"),
-        ({"rate_max_rad_s": (5.0, 4.0)}, "rate_max_rad_s must be LOWEST:HIGHEST, not 5:4"),
-        ({"speed_min_m_s": (0.0, 6.0)}, "speed_min_m_s must not exceed speed_max_m_s"),
-        ({"delay_s": (0.0, 10.0), "step_s": 0.001}, "delay_s must be at most 500 steps"),
-        ({"step_s": 0.0}, "step_s must be at least 1e-05"),
-        ({"duration_s": 0.01}, "duration_s must be at least"),
-        ({"within_m": -0.1}, "within_m must be above 0"),
-        ({"acceleration_m_s2": 0.0}, "acceleration_m_s2 must be above 0"),
-        ({"turn_acceleration_rad_s2": math.nan}, "turn_acceleration_rad_s2 must be above 0"),
-        ({"planar": True, "allocation": "roll-yaw"}, "allocation must be pitch-yaw in the plane"),
-        (
-            {"starts": (Start("bent", Vec3(0.0, 0.0, 0.0), Quaternion(1.0, 0.1, 0.0, 0.0)),)},
-            "starts: 'bent' must have a finite position and a unit quaternion",
-        ),
-        (
-            {"starts": (Start("lost", Vec3(0.0, math.nan, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0)),)},
-            "starts: 'lost' must have a finite position",
-        ),
-    ],
-)
-def test_a_plan_that_cannot_be_is_refused_with_key_and_reason(
-    change: dict[str, object], complaint: str
-) -> None:
-    with pytest.raises(ValueError, match="^" + complaint.replace("(", r"\(")):
-        replace(SMALL, **change)  # type: ignore[arg-type]
-
-
-def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["sitl", "campaign", *arguments])
-    with pytest.raises(SystemExit) as exit_:
-        cli.main()
-    assert isinstance(exit_.value.code, int)
-    return exit_.value.code
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (["--k", "-1"], "k must be above 0"),
-        (["--k", "one"], "k must be a number or LOWEST:HIGHEST, not 'one'"),
-        (["--wind", "nan"], "wind_m_s must be at least 0"),
-        (["--law", "pid"], "law must be one of"),
-        (["--preset", "chair"], "preset must be one of table, not 'chair'"),
-        (["--preset", "table", "--k", "2"], "k is set by the preset table"),
-        (["--trajectory", "helix,radius_m=-1"], "trajectory.radius_m = -1"),
-        (["--trajectory", "spiral"], 'trajectory.name = "spiral"'),
-        (["--trajectory", "helix,radius"], "trajectory must be NAME,KEY=VALUE"),
-        (["--error-function", "bounded"], "error_function.approach_m_s is missing"),
-        (["--error-function", "bounded,approach_m_s=-2"], "error_function.approach_m_s = -2"),
-        (["--output", "nowhere/x.npz"], "there is no directory nowhere"),
-        (["--output", "x.csv"], "must end in .npz"),
-        (["--plot", "x.npz"], "must end in .png"),
-        (["--threads", "0"], "threads"),
-    ],
-)
-def test_bad_options_are_refused_with_key_and_reason(
-    arguments: list[str],
-    complaint: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert command(monkeypatch, *arguments) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert complaint in said.err
-    assert said.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_command_writes_results_and_a_plot_and_prints_a_table(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert command(monkeypatch, "--flights", "40", "--law", "global", "--speed-min", "0") == 0
-    out = capsys.readouterr().out
-    assert "converged" in out
-    assert "60,000 steps" in out
-    assert (tmp_path / "campaign.png").read_bytes().startswith(b"\x89PNG")
-    assert len(load(tmp_path / "campaign.npz")["campaign"]["settled_s"]) == 40
-
-
-def test_with_json_it_says_all_in_one_object_and_writes_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    arguments = ["--flights", "10", "--duration", "2", "--k", "0.5:2", "--json"]
-    assert command(monkeypatch, *arguments) == 0
-    found = json.loads(capsys.readouterr().out)
-    (only,) = found["campaigns"]
-    assert only["plan"]["k"] == [0.5, 2.0]
-    assert only["summary"]["converged"] == 0.0
-    assert found["steps"] == 1000
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")

@@ -66,6 +66,9 @@ def campaign(
     within_m: Annotated[
         float | None, typer.Option("--within", help="Converged is below this for good, m; default 0.01.")
     ] = None,
+    due_s: Annotated[
+        float | None, typer.Option("--due", help="Converged by then is in time, s; default 20.")
+    ] = None,
     gust_period_s: Annotated[
         float | None, typer.Option("--gust-period", help="Of the gusts, s; default 5.")
     ] = None,
@@ -120,6 +123,18 @@ def campaign(
         str | None,
         typer.Option("--speed-lag", metavar=_PAIR, help="First-order lag of the speed, s; default 0."),
     ] = None,
+    start_speed_m_s: Annotated[
+        str | None,
+        typer.Option("--start-speed", metavar=_PAIR, help="Forward speed at the start, m/s; default 0."),
+    ] = None,
+    start_rate_rad_s: Annotated[
+        str | None,
+        typer.Option(
+            "--start-rate",
+            metavar=_PAIR,
+            help="Magnitude of the body rates at the start, about any axis, rad/s; default 0.",
+        ),
+    ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="Default: one per core.")] = None,
     output: Annotated[
         Path | None,
@@ -134,7 +149,7 @@ def campaign(
     """Fly up to millions of flights, law and plant compiled, and say how many converge.
 
     Start, gains, limits, wind and delay are drawn for each flight from the ranges given. The defaults are
-    section 4's gains and limits on its helix, with reverse, from any attitude within 50 m.
+    section 4's gains and limits on its helix, with reverse, from rest in any attitude within 50 m.
     """
     given = {name: value for name, value in context.params.items() if value is not None and name not in _HOW}
     try:
@@ -222,7 +237,7 @@ def _fly(
         return
     console = Console()
     # A pipe has no width: there the table is as wide as it needs to be.
-    show(summaries, plans[0].within_m, console if console.is_terminal else Console(width=140))
+    show(summaries, plans[0].within_m, console if console.is_terminal else Console(width=160))
     typer.echo(f"{steps:,} steps in {seconds:.1f} s")
     for path in (output, plot):
         if path is not None:

@@ -17,14 +17,15 @@ from sitl.campaign.flight import Common, reference_at
 Pair = tuple[float, float]
 
 #: Uniform numbers per flight; a multiple of 4, which is what one count of the generator gives.
-DRAWS: Final = 24
+DRAWS: Final = 28
 
 
 class Ranges(NamedTuple):
     """Lowest and highest value of all that is drawn, uniformly and independently; directions are uniform.
 
-    `distance_m` is that from the reference at the start (uniform in volume, or in area), `wind_m_s` and
-    `gust_m_s` are magnitudes.
+    `distance_m` is that from the reference at the start (uniform in volume, or in area). `wind_m_s`,
+    `gust_m_s` and `start_rate_rad_s` are magnitudes; a planar flight starts with a yaw rate alone, to either
+    side.
     """
 
     distance_m: Pair
@@ -41,6 +42,8 @@ class Ranges(NamedTuple):
     delay_s: Pair
     rate_lag_s: Pair
     speed_lag_s: Pair
+    start_speed_m_s: Pair
+    start_rate_rad_s: Pair
 
 
 def uniforms(seed: int, first: int, count: int) -> NDArray[np.float64]:
@@ -98,3 +101,11 @@ def draw(common: Common, ranges: Ranges, u: NDArray[np.float64], flights: NDArra
         flights[j, 22] = between(ranges.delay_s, u[j, 21])
         flights[j, 23] = between(ranges.rate_lag_s, u[j, 22])
         flights[j, 24] = between(ranges.speed_lag_s, u[j, 23])
+        rate = between(ranges.start_rate_rad_s, u[j, 24])
+        if common.is_planar:
+            flights[j, 25], flights[j, 26] = 0.0, 0.0
+            flights[j, 27] = rate if u[j, 25] < 0.5 else -rate
+        else:
+            roll, pitch, yaw = direction(False, u[j, 25], u[j, 26])
+            flights[j, 25], flights[j, 26], flights[j, 27] = rate * roll, rate * pitch, rate * yaw
+        flights[j, 28] = between(ranges.start_speed_m_s, u[j, 27])

@@ -26,7 +26,7 @@ from guidance.se3 import Pose, Quaternion, Reference, Twist, Vec3
 from guidance.trajectory import circle, helix, lemniscate, line, zigzag
 from sitl.plant import PlantCommand, PlantParameters, PlantState, step
 
-#: What may differ from flight to flight: start, gains, limits, wind, delay.
+#: What may differ from flight to flight: start, gains, limits, wind, delay, and the motion at the start.
 PARAMETERS: Final = (
     "north_m",
     "east_m",
@@ -53,7 +53,13 @@ PARAMETERS: Final = (
     "delay_s",
     "rate_lag_s",
     "speed_lag_s",
+    "start_roll_rate_rad_s",
+    "start_pitch_rate_rad_s",
+    "start_yaw_rate_rad_s",
+    "start_speed_m_s",
 )
+#: Of these, the body rates at the start.
+START_RATES: Final = PARAMETERS[25:28]
 
 #: What came of it; times are from the start of the flight, NaN where it did not happen.
 #: `entered_s`: below the radius for the first time; `settled_s`: for good; `excursion_m`: the largest error
@@ -156,8 +162,8 @@ def fly(common: Common, flights: Rows, outcomes: Rows) -> None:
         for j in range(abreast):
             for i in range(7):
                 S[j, i] = flights[first + j, i]
-            for i in range(7, 11):
-                S[j, i] = 0.0
+            for i in range(4):
+                S[j, 7 + i] = flights[first + j, 25 + i]
             for i in range(9):
                 seen[j, i] = 0.0
             seen[j, 0] = -1.0  # first step below the radius

@@ -15,7 +15,7 @@ from guidance.law import Parameters
 from guidance.se3 import ZERO, Quaternion, Vec3
 from guidance.trajectory import Helix, Trajectory
 from sitl.campaign.draw import Pair, Ranges
-from sitl.campaign.flight import PARAMETERS, TRAJECTORIES, Common
+from sitl.campaign.flight import PARAMETERS, START_RATES, TRAJECTORIES, Common
 
 #: Longest actuation delay, in steps: commands under way are kept in a ring of that size.
 LONGEST_DELAY_STEPS: Final = 500
@@ -45,22 +45,29 @@ class Bound(NamedTuple):
     above: bool = False
 
 
-#: Of each of `Ranges`.
+_GAIN: Final = Bound(tuning.LEAST_GAIN, tuning.MOST_GAIN)
+_SPEED: Final = Bound(-tuning.MOST_SPEED_M_S, tuning.MOST_SPEED_M_S)
+#: Infinite is no limit.
+_ACCELERATION: Final = Bound(tuning.LEAST_ACCELERATION, math.inf)
+
+#: Of each of `Ranges`; gains and limits as in a configuration.
 BOUNDS: Final[dict[str, Bound]] = {
     "distance_m": Bound(0.0, 1e5),
     "start_s": Bound(-1e5, 1e5),
-    "k": Bound(0.0, 1e4, above=True),
-    "rho2_per_s": Bound(0.0, 1e4, above=True),
-    "rho3_per_s": Bound(0.0, 1e4, above=True),
-    "beta": Bound(0.0, 1e4, above=True),
-    "speed_min_m_s": Bound(-1e4, 1e4),
-    "speed_max_m_s": Bound(0.0, 1e4, above=True),
-    "rate_max_rad_s": Bound(0.0, 1e4, above=True),
+    "k": _GAIN,
+    "rho2_per_s": _GAIN,
+    "rho3_per_s": _GAIN,
+    "beta": _GAIN,
+    "speed_min_m_s": _SPEED,
+    "speed_max_m_s": Bound(tuning.LEAST_SPEED_M_S, tuning.MOST_SPEED_M_S),
+    "rate_max_rad_s": Bound(tuning.LEAST_RATE_RAD_S, tuning.MOST_RATE_RAD_S),
     "wind_m_s": Bound(0.0, 1e3),
     "gust_m_s": Bound(0.0, 1e3),
     "delay_s": Bound(0.0, 10.0),
     "rate_lag_s": Bound(0.0, 10.0),
     "speed_lag_s": Bound(0.0, 10.0),
+    "start_speed_m_s": _SPEED,
+    "start_rate_rad_s": Bound(0.0, tuning.MOST_RATE_RAD_S),
 }
 
 
@@ -68,7 +75,10 @@ BOUNDS: Final[dict[str, Bound]] = {
 class Plan:
     """A campaign. Pairs are the lowest and the highest value of what is drawn for each flight.
 
-    Gains, speeds and rates default to those of section 4 of the paper, with reverse.
+    Gains, speeds and rates default to those of section 4 of the paper, with reverse, and a flight starts at
+    rest. Its speed and rates at the start matter to a plant with lags, and to the limits on the rates of
+    change; without either, the first command is all that acts. Below `within_m` for good by `due_s` is in
+    time.
 
     Raises:
         ValueError: a value is out of range or does not go with another; begins with the field's name.
@@ -88,6 +98,7 @@ class Plan:
     duration_s: float = 30.0
     step_s: float = 0.02
     within_m: float = 0.01
+    due_s: float = 20.0
     gust_period_s: float = 5.0
     distance_m: Pair = (0.0, 50.0)
     start_s: Pair = (0.0, 0.0)
@@ -103,6 +114,8 @@ class Plan:
     delay_s: Pair = (0.0, 0.0)
     rate_lag_s: Pair = (0.0, 0.0)
     speed_lag_s: Pair = (0.0, 0.0)
+    start_speed_m_s: Pair = (0.0, 0.0)
+    start_rate_rad_s: Pair = (0.0, 0.0)
     starts: tuple[Start, ...] = ()
 
     def __post_init__(self) -> None:
@@ -113,11 +126,11 @@ class Plan:
         if type(self.trajectory) not in TRAJECTORIES:
             raise ValueError(f"trajectory: a campaign cannot fly {type(self.trajectory).__name__}")
         for name in ("acceleration_m_s2", "turn_acceleration_rad_s2"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} must be above 0, not {getattr(self, name)}")
+            _number(name, getattr(self, name), _ACCELERATION)
         _number("step_s", self.step_s, Bound(1e-5, 1.0))
         _number("duration_s", self.duration_s, Bound(4.0 * self.step_s, MOST_STEPS * self.step_s))
         _number("within_m", self.within_m, Bound(0.0, 1e5, above=True))
+        _number("due_s", self.due_s, Bound(0.0, 1e9, above=True))
         _number("gust_period_s", self.gust_period_s, Bound(0.0, 1e5, above=True))
         for name, bound in BOUNDS.items():
             low, high = getattr(self, name)
@@ -197,6 +210,8 @@ class Plan:
             if name in ("wind_m_s", "gust_m_s"):
                 kind = name.removesuffix("_m_s")
                 found |= {column for column in PARAMETERS if high > 0.0 and column.startswith(kind)}
+            elif name == "start_rate_rad_s":
+                found |= {column for column in START_RATES if high > 0.0}
             elif low != high:
                 found.add(name)
         return tuple(column for column in PARAMETERS if column in found)
@@ -275,7 +290,8 @@ def _number(name: str, value: float, bound: Bound) -> None:
     low_enough = value > bound.low if bound.above else value >= bound.low
     if not (low_enough and value <= bound.high):
         low = f"above {bound.low:g}" if bound.above else f"at least {bound.low:g}"
-        raise ValueError(f"{name} must be {low} and at most {bound.high:g}, not {value:g}")
+        high = f" and at most {bound.high:g}" if math.isfinite(bound.high) else ""
+        raise ValueError(f"{name} must be {low}{high}, not {value:g}")
 
 
 def _whole(name: str, value: int, low: int, high: int) -> None:

@@ -7,56 +7,85 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from guidance.se3 import IDENTITY, Quaternion, Vec3, from_euler, from_yaw
-from guidance.trajectory import Circle, Helix
+from guidance.se3 import IDENTITY, Quaternion, Vec3, from_euler, from_yaw, norm
+from guidance.trajectory import Circle, Helix, Line, Trajectory, sample
 from sitl.campaign.plan import Plan, Start
 
 #: Flights of the table's first row; each of the other random rows has a tenth of it.
 TABLE_FLIGHTS: Final = 1_000_000
 
 _FORWARD: Final = (0.0, 0.0)
+_AT_REST: Final = (0.0, 0.0)
+_FAST_M_S: Final = 4.5
+_DOWN_M_S: Final = 0.1
+#: At 0.9 of the table's v_max. Of a helix up to this radius 20 s are enough from 50 m: one that stays behind
+#: cuts the corner.
+_FAST: Final = Helix(radius_m=10.0, speed_m_s=math.sqrt(_FAST_M_S**2 - _DOWN_M_S**2), down_m_s=_DOWN_M_S)
+#: One that flees on a straight line leaves no corner to cut: from 50 m behind nobody is there before 100 s.
+_FLEEING: Final = Line(speed_m_s=_FAST_M_S)
+#: The law's bound there: once aligned, the distance shrinks by min(k |e|, v_max - |r'|) a second or faster,
+#: which from 50 m to 1 cm is 49.5/0.5 + ln(0.5/0.01) = 103 s; to turn round first takes below 0.7 s, in which
+#: the reference gains below 3 m: 6 s more.
+_FLEEING_DUE_S: Final = 110.0
 
 
-def hard_starts() -> tuple[Start, ...]:
-    """Where a law for forward flight can be caught out, on the helix of section 4 with k = beta = 1.
+def hard_starts(trajectory: Trajectory, k: float = 1.0, beta: float = 1.0) -> tuple[Start, ...]:
+    """Where a law for forward flight can be caught out at t = 0, for phi = 1/2 k |x - r|^2.
 
-    At t = 0 the reference is at (0, 1, 0) with velocity (0.1, 0, 0.1), so that Xr = (0.1, 1, 0.1) - x. The
-    opposite field is so exactly, in floating point, and the orthogonal one to rounding.
+    The field Xr = r' - k/beta (x - r) is chosen (m/s), and the position follows from it. On a helix and a
+    circle with k = beta the opposite field is so exactly, in floating point, and the orthogonal one to
+    rounding. Their axis is the vertical through the origin, and ahead on it is below.
     """
+    reference = sample(trajectory, 0.0)
+    r, v = reference.position, reference.velocity
+
+    def where_field_is(north: float, east: float, down: float) -> Vec3:
+        per_m_s = beta / k
+        return Vec3(r.x + per_m_s * (v.x - north), r.y + per_m_s * (v.y - east), r.z + per_m_s * (v.z - down))
+
+    speed = norm(v)
+    tangent = Vec3(v.x / speed, v.y / speed, v.z / speed)
+    along = from_euler(0.0, -math.asin(tangent.z), math.atan2(tangent.y, tangent.x))
+    back = from_euler(0.0, math.asin(tangent.z), math.atan2(-tangent.y, -tangent.x))
     starts = []
     for far in (1.0, 5.0, 20.0, 50.0):
-        # Xr = (far, 0, 0)
-        south = Vec3(0.1 - far, 1.0, 0.1)
+        north = where_field_is(far, 0.0, 0.0)
+        below = Vec3(0.0, 0.0, r.z + far)
         starts += [
-            Start(f"exactly opposite, {far:g} m", south, Quaternion(0.0, 0.0, 0.0, 1.0)),
-            Start(f"exactly opposite, on its back, {far:g} m", south, Quaternion(0.0, 0.0, 1.0, 0.0)),
-            Start(f"field orthogonal, right, {far:g} m", south, from_yaw(-0.5 * math.pi)),
-            Start(f"field orthogonal, above, {far:g} m", south, from_euler(0.0, -0.5 * math.pi, 0.0)),
-            # Ahead of the reference on the helix's axis, flying away along it; and about to meet it.
+            Start(f"exactly opposite, {far:g} m/s", north, Quaternion(0.0, 0.0, 0.0, 1.0)),
+            Start(f"exactly opposite, on its back, {far:g} m/s", north, Quaternion(0.0, 0.0, 1.0, 0.0)),
+            Start(f"field orthogonal, right, {far:g} m/s", north, from_yaw(-0.5 * math.pi)),
+            Start(f"field orthogonal, above, {far:g} m/s", north, from_euler(0.0, -0.5 * math.pi, 0.0)),
+            # Flying away along the axis; and about to meet the reference.
+            Start(f"ahead on the axis, away, {far:g} m", below, from_euler(0.0, -0.5 * math.pi, 0.0)),
+            Start(f"ahead on the axis, towards, {far:g} m", below, from_euler(0.0, 0.5 * math.pi, 0.0)),
+            # Ahead of the reference on its tangent, nose away from it.
             Start(
-                f"ahead on the axis, away, {far:g} m",
-                Vec3(0.0, 0.0, far),
-                from_euler(0.0, -0.5 * math.pi, 0.0),
-            ),
-            Start(
-                f"ahead on the axis, towards, {far:g} m",
-                Vec3(0.0, 0.0, far),
-                from_euler(0.0, 0.5 * math.pi, 0.0),
-            ),
-            # Ahead of the reference on its tangent, at rest, nose away from it.
-            Start(
-                f"ahead on the tangent, {far:g} m",
-                Vec3(far * math.sqrt(0.5), 1.0, far * math.sqrt(0.5)),
-                from_euler(0.0, -0.25 * math.pi, 0.0),
+                f"ahead on the tangent, {far:g} m/s",
+                where_field_is(-far * tangent.x, -far * tangent.y, -far * tangent.z),
+                along,
             ),
         ]
-    zero = Vec3(0.1, 1.0, 0.1)
+    zero = where_field_is(0.0, 0.0, 0.0)
     starts += [
         Start("field zero", zero, IDENTITY),
         Start("field zero, on its tail", zero, from_euler(0.0, 0.5 * math.pi, 0.0)),
-        Start("on the reference, backwards", Vec3(0.0, 1.0, 0.0), from_euler(0.0, 0.25 * math.pi, math.pi)),
+        Start("on the reference, backwards", r, back),
     ]
     return tuple(starts)
+
+
+def _hard(plan: Plan, name: str) -> Plan:
+    """The same from the hard starts of its own reference, at rest."""
+    starts = hard_starts(plan.trajectory, plan.k[0], plan.beta[0])
+    return replace(
+        plan,
+        name=name,
+        flights=len(starts),
+        starts=starts,
+        start_speed_m_s=_AT_REST,
+        start_rate_rad_s=_AT_REST,
+    )
 
 
 def table(flights: int = TABLE_FLIGHTS, seed: int = 0) -> list[Plan]:
@@ -67,34 +96,41 @@ def table(flights: int = TABLE_FLIGHTS, seed: int = 0) -> list[Plan]:
         seed=seed,
         law="global",
         speed_min_m_s=_FORWARD,
+        start_speed_m_s=(0.0, 5.0),
+        start_rate_rad_s=(0.0, 5.0),
     )
     fewer = replace(random, flights=max(1, flights // 10))
-    hard = hard_starts()
-    on_hard = replace(random, flights=len(hard), starts=hard)
+    lagging = replace(fewer, name="global, 100 ms of lag", rate_lag_s=(0.1, 0.1), speed_lag_s=(0.1, 0.1))
+    fast = replace(fewer, name="global, helix at 0.9 v_max", trajectory=_FAST)
+    circling = replace(
+        fewer,
+        name="global, v_min 1 m/s, circle at 2 m/s",
+        trajectory=Circle(radius_m=10.0, speed_m_s=2.0),
+        speed_min_m_s=(1.0, 1.0),
+        duration_s=60.0,
+    )
+    paper = replace(fewer, name="paper, forward only", law="paper")
+    reversing = replace(paper, name="paper, with reverse", speed_min_m_s=(-5.0, -5.0))
     return [
         random,
-        replace(on_hard, name="global, hard starts"),
+        _hard(random, "global, hard starts"),
+        lagging,
+        _hard(lagging, "global, hard starts, 100 ms of lag"),
+        fast,
+        _hard(fast, "global, hard starts, helix at 0.9 v_max"),
         replace(
             fewer,
-            name="global, reference at 0.9 v_max",
-            trajectory=Helix(radius_m=20.0, speed_m_s=math.sqrt(4.5**2 - 0.1**2), down_m_s=0.1),
+            name="global, line at 0.9 v_max",
+            trajectory=_FLEEING,
             duration_s=150.0,
+            due_s=_FLEEING_DUE_S,
         ),
-        replace(fewer, name="global, 100 ms of lag", rate_lag_s=(0.1, 0.1), speed_lag_s=(0.1, 0.1)),
-        replace(
-            on_hard, name="global, hard starts, 100 ms of lag", rate_lag_s=(0.1, 0.1), speed_lag_s=(0.1, 0.1)
-        ),
-        replace(
-            fewer,
-            name="global, v_min 1 m/s, circle at 2 m/s",
-            trajectory=Circle(radius_m=10.0, speed_m_s=2.0),
-            speed_min_m_s=(1.0, 1.0),
-            duration_s=60.0,
-        ),
-        replace(fewer, name="paper, forward only", law="paper"),
-        replace(fewer, name="paper, with reverse", law="paper", speed_min_m_s=(-5.0, -5.0)),
-        replace(on_hard, name="paper, forward only, hard starts", law="paper"),
-        replace(on_hard, name="paper, with reverse, hard starts", law="paper", speed_min_m_s=(-5.0, -5.0)),
+        circling,
+        _hard(circling, "global, hard starts, v_min 1 m/s, circle"),
+        paper,
+        reversing,
+        _hard(paper, "paper, forward only, hard starts"),
+        _hard(reversing, "paper, with reverse, hard starts"),
     ]
 
 

@@ -47,7 +47,7 @@ NOISE = random.Random(1).randbytes(20_000)
         (
             "",
             [heartbeat(1, 240, 8, kind=18)],
-            "a telemetry radio (1/240), no heartbeat of 1/1: nothing comes",
+            "a telemetry radio (1/240), no heartbeat of 1/1: nothing",
         ),
         ("", [heartbeat(1, 154, 8, kind=26)], "heard: gimbal (1/154), no heartbeat of 1/1"),
         ("", [packet(1, 1, dialect.MAVLink_timesync_message(1, 1))], "packets of 1/1, but no heartbeat"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import os
 import socket
 from typing import Final
 
@@ -68,9 +69,8 @@ async def open_tcp(connection: Network) -> ByteStream:
 def _refused(error: OSError) -> str:
     if isinstance(error, TimeoutError) and error.errno is None:
         return f"no answer within {CONNECT_S:g} s: is the address right, is the network up?"
-    if error.errno == errno.ECONNREFUSED:
-        return f"{said(error)}: nobody listens there"
-    return said(error)
+    why = os.strerror(error.errno) if error.errno else said(error)  # asyncio puts the address in its place
+    return f"{why}: nobody listens there" if error.errno == errno.ECONNREFUSED else why
 
 
 def _lost(error: OSError | None) -> str:

@@ -28,6 +28,8 @@ def heartbeat(system: int, component: int, autopilot: int = 12, *, kind: int | N
 RADIO = packet(51, 68, dialect.MAVLink_radio_status_message(180, 170, 100, 40, 40, 0, 0))
 SERIAL = 'link.connection="serial:///dev/ttyUSB0?baud=921600"'
 TCP = 'link.connection="tcp://127.0.0.1:5760"'
+#: A frame of an id that nobody knows: it cannot be checked.
+UNKNOWN = b"\xfd\0\0\0\0\x09\x09\xff\xff\xff\0\0"
 NOISE = random.Random(1).randbytes(20_000)
 
 
@@ -40,6 +42,7 @@ NOISE = random.Random(1).randbytes(20_000)
         (SERIAL, [NOISE], "20000 bytes and no MAVLink frame: wrong baud rate?"),
         (SERIAL, [heartbeat(2, 1), NOISE], "heard: an autopilot (2/1), no heartbeat of 1/1"),
         (SERIAL, [packet(9, 9, dialect.MAVLink_timesync_message(1, 1)), NOISE], "wrong baud rate?"),
+        ("", [UNKNOWN], "12 bytes and no MAVLink frame"),
         (TCP, [b"HTTP/1.1 400 Bad Request\r\n"], "what listens there does not speak MAVLink"),
         ("", [heartbeat(255, 190)], "heard: a ground station (255/190), no heartbeat of 1/1: is vehicle.sy"),
         ("", [heartbeat(2, 1)], "an autopilot (2/1), no heartbeat of 1/1: is it vehicle.system_id = 2, "),

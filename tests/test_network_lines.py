@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import struct
 import sys
@@ -22,6 +23,7 @@ from tests.service_rig import Rig, VehicleEnd, a_socket, received, running
 
 Runner = Callable[[Coroutine[Any, Any, None]], None]
 on_both_loops = pytest.mark.parametrize("runner", [asyncio.run, uvloop.run], ids=["asyncio", "uvloop"])
+SOL = socket.SOL_SOCKET
 RESET = struct.pack("ii", 1, 0)
 
 
@@ -61,7 +63,7 @@ def test_a_connection_that_ends_is_made_again_and_flown_over(
             await rig.bell.until(lambda: vehicle.count(until) > 5, until)
             vehicle.hang_up()
             if reset:
-                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+                connection.setsockopt(SOL, socket.SO_LINGER, RESET)
 
     runner(main())
 
@@ -95,6 +97,9 @@ def test_a_peer_that_does_not_read_blocks_nothing_and_gets_little_late() -> None
         with a_server(receive_bytes=1) as server:
             line = await open_transport(Network("tcp", "127.0.0.1", port_of(server)), 3.0)
             peer, _ = server.accept()
+            with socket.socket(fileno=os.dup(line.fileno())) as ours:
+                for level, option in ((socket.IPPROTO_TCP, socket.TCP_NODELAY), (SOL, socket.SO_KEEPALIVE)):
+                    assert ours.getsockopt(level, option)
             mav = mavlink.MAVLink(None, 1, 191)
             sent = 0
             while line.dropped < 1000:
@@ -162,6 +167,27 @@ def test_the_autopilot_is_found_by_broadcast_and_nobody_else_gets_a_setpoint(run
         assert up == f"broadcasting to {everybody}:{port} (UDP) until the autopilot answers"
 
     runner(main())
+
+
+def test_before_the_autopilot_is_found_and_after_it_is_lost_only_heartbeats_go_to_all() -> None:
+    async def main() -> None:
+        with listener("127.255.255.255", 0) as everybody, a_socket() as autopilot:
+            connection = Network("udpbcast", "127.255.255.255", port_of(everybody))
+            line = await open_transport(connection, 0.0)
+            mav = mavlink.MAVLink(None, 1, 191)
+            beat = bytes(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(mav))
+            question = bytes(mavlink.MAVLink_timesync_message(0, 1).pack(mav))
+            line.send(question)
+            line.send(beat)
+            assert received(everybody) == [beat]
+            assert line.heard(autopilot.getsockname(), 0) == ""
+            line.send(question)
+            line.send(beat)  # the autopilot has been silent for longer than 0 s
+            assert received(everybody) == [beat]
+            assert received(autopilot) == [question]
+            line.close()
+
+    asyncio.run(main())
 
 
 def test_who_has_a_udp_port_is_named() -> None:

@@ -121,6 +121,9 @@ def test_a_line_that_nobody_reads_blocks_nothing_and_gets_no_late_packet(port: P
 
 @pytest.mark.parametrize("baud", [57600, 921600, 420000])
 def test_how_the_port_is_set_up(port: PseudoPort, baud: int) -> None:
+    as_found = termios.tcgetattr(port.slave)
+    as_found[2] |= termios.HUPCL
+    termios.tcsetattr(port.slave, termios.TCSANOW, as_found)
     line = opened(SerialLine(str(port.path), baud, rtscts=True))
     iflag, oflag, cflag, lflag, _, _, cc = termios.tcgetattr(port.slave)
     assert not lflag & (termios.ICANON | termios.ECHO | termios.ISIG)

@@ -169,7 +169,7 @@ def test_a_sender_that_starts_again_and_again_is_no_second_one() -> None:
             now_ns = SECOND + (start * 300 + i) * 2_500_000
             link.receive(one.frame(), now_ns)
             assert not link.twins.seen(now_ns)
-    assert link.counters["late"] > 50 * 60
+    assert link.counters["late"] > 2000
 
 
 def test_two_vehicles_of_one_id_behind_a_router_are_an_event() -> None:

@@ -37,7 +37,7 @@ def packets(count: int) -> list[bytes]:
 
 
 def heard(data: bytes) -> tuple[list[int], int]:
-    """What arrives at a parser that trusts lengths, as autopilots' do: sequence numbers; and how much is bad."""
+    """What a parser that trusts lengths, as autopilots' do, hears: sequence numbers, and how much is bad."""
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     messages = [parser.parse_char(bytes([byte])) for byte in data]

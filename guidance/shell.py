@@ -111,8 +111,10 @@ class Shell:
                 enter(time.monotonic_ns())
             self._read()
             now_ns = time.monotonic_ns()
-            if self._guide.deadline() <= now_ns:
+            due_ns = self._guide.deadline()
+            if due_ns <= now_ns:
                 self._guide.tick(now_ns)
+                due_ns = self._guide.deadline()
             self._send()
             while self._notes:
                 self._guide.note(*self._notes.pop(0), time.monotonic_ns())
@@ -123,12 +125,11 @@ class Shell:
             if self._guide.finished:
                 self._stopped.set()
             else:
-                self._schedule()
+                self._schedule(due_ns)
         except Exception as bug:
             self._fail(bug)
 
-    def _schedule(self) -> None:
-        due_ns = self._guide.deadline()
+    def _schedule(self, due_ns: int) -> None:
         if self._timer is not None:
             if self._timer_ns <= due_ns:
                 return  # it fires first and arranges the rest
@@ -138,10 +139,11 @@ class Shell:
 
     def _timed(self) -> None:
         self._timer = None
-        if self._guide.deadline() <= time.monotonic_ns():
+        due_ns = self._guide.deadline()
+        if due_ns <= time.monotonic_ns():
             self._turn()
         else:
-            self._schedule()
+            self._schedule(due_ns)
 
     def _note(self, kind: InputKind, text: str) -> None:
         self._notes.append((kind, text))

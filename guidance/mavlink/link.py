@@ -305,16 +305,8 @@ class AutopilotLink:
         """Queue what is due: our heartbeat, a TIMESYNC question, requests that were not answered."""
         if now_ns >= self._next_heartbeat_ns:
             self._next_heartbeat_ns = now_ns + _HEARTBEAT_PERIOD_NS
-            self.send(
-                dialect.MAVLink_heartbeat_message(
-                    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-                    dialect.MAV_AUTOPILOT_INVALID,
-                    0,
-                    0,
-                    dialect.MAV_STATE_ACTIVE,
-                    3,
-                )
-            )
+            kind, state = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
+            self.send(dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3))
         if not self.connected(now_ns) or now_ns - self._intended_ns > _INTENDED_OLD_NS:
             self.intended_mode = None
         if self.heartbeat is None:

@@ -11,13 +11,13 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Final, Literal
-from urllib.parse import urlsplit
 
 import msgspec
 from msgspec import Meta
 
 from guidance.checking import ConfigError as ConfigError  # raised here, so found here
 from guidance.checking import Places, Problem, named, one_of, override, problems, shown
+from guidance.connection import parse_connection as parse_connection
 from guidance.feasibility import infeasible
 from guidance.mavlink.profiles import PROFILES, Profile
 from guidance.trajectory import Trajectory
@@ -120,37 +120,6 @@ class Config(_Section, frozen=True, kw_only=True):
     trajectory: Trajectory
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
-
-
-class Connection(msgspec.Struct, frozen=True):
-    """A parsed `connection`: `udpin` listens and answers whoever writes, `udpout` writes first."""
-
-    scheme: Literal["udpin", "udpout"]
-    host: str
-    port: int
-
-
-def parse_connection(text: str) -> Connection:
-    """`udpin://HOST:PORT` or `udpout://HOST:PORT`; ValueError says what is wrong."""
-    expected = "expected udpin://HOST:PORT (listen) or udpout://HOST:PORT (connect)"
-    try:
-        parts = urlsplit(text)
-    except ValueError:  # half an IPv6 address
-        raise ValueError(expected) from None
-    if parts.scheme not in ("udpin", "udpout") or not parts.hostname:
-        raise ValueError(expected)
-    if parts.path or parts.query or parts.fragment or "@" in parts.netloc:
-        raise ValueError(f"nothing may follow the port; {expected}")
-    try:
-        port = parts.port
-    except ValueError:
-        raise ValueError(f"the port must be a number from 0 to 65535; {expected}") from None
-    if port is None:
-        raise ValueError(f"the port is missing; {expected}")
-    scheme: Literal["udpin", "udpout"] = "udpin" if parts.scheme == "udpin" else "udpout"
-    if scheme == "udpout" and port == 0:
-        raise ValueError(f"port 0 is only for listening; {expected}")
-    return Connection(scheme, parts.hostname, port)
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Config:

@@ -14,9 +14,10 @@ from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.config import Config, profile_of
+from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimate, Estimator
+from guidance.mavlink.line import LineWatch
 from guidance.mavlink.link import AutopilotLink, Received
 from guidance.mavlink.messages import (
     Attitude,
@@ -36,7 +37,7 @@ from guidance.mavlink.profiles import (
     set_mode_command,
 )
 from guidance.mavlink.report import absence, link_record
-from guidance.mavlink.streams import wanted_streams
+from guidance.mavlink.streams import Stream, wanted_streams
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
@@ -63,22 +64,21 @@ class Guide:
     def __init__(self, config: Config) -> None:
         self.config = config
         self.profile = profile_of(config)
+        self.connection = parse_connection(config.link.connection)
         self.link = AutopilotLink(
             config.vehicle.system_id,
             config.vehicle.component_id,
             config.link.heartbeat_timeout_s,
-            wanted_streams(
-                config.link.rate_hz,
-                config.link.attitude_timeout_s,
-                config.link.position_timeout_s,
-                self.profile.mode_hz,
-            ),
+            self._streams_at(config.link.rate_hz),
+            byte_stream=self.connection.byte_stream,
         )
         self.engagement = Engagement(config.supervisor, self.profile)
         self.tracker = Tracker(config, self.profile)
         self.timing = LoopTiming()
         self.setpoints_sent = 0
-        self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it
+        self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it,
+        self.dropped_packets = 0  # nor on this
+        self._line = LineWatch(self.connection, config.link.rate_hz, self._streams_at)
         self._estimator = Estimator()
         self._cadence = Cadence()
         self._records: list[Record] = []
@@ -133,9 +133,16 @@ class Guide:
             case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
                 level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
                 self._event(level, event.kind, event.text, now_ns)
+                if event.kind is InputKind.LINK_UP:
+                    self.link.reader.forget()
+                    self._records += self._line.opened(now_ns)
         for packet in self.link.drain():
             self._packets.append(packet)
             self._records.append(Packet(t_ns=now_ns, input_seq=event.seq, data=packet))
+
+    def _streams_at(self, rate_hz: float) -> list[Stream]:
+        link = self.config.link
+        return wanted_streams(rate_hz, link.attitude_timeout_s, link.position_timeout_s, self.profile.mode_hz)
 
     # Outputs -----------------------------------------------------------------------------------------
 
@@ -152,7 +159,7 @@ class Guide:
     def deadline(self) -> int:
         """When `tick` must be called next, ns; in the past if it is due now."""
         due_ns = min(self._watch_ns, self.link.deadline())
-        return min(due_ns, self._due_ns) if self._streams() else due_ns
+        return min(due_ns, self._due_ns) if self.engagement.streaming else due_ns
 
     @property
     def finished(self) -> bool:
@@ -211,13 +218,10 @@ class Guide:
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS
             self._supervise(now_ns)
-        if self._streams() and now_ns >= self._due_ns:
+        if self.engagement.streaming and now_ns >= self._due_ns:
             self._setpoint(now_ns)
-        self._records += filter(None, (self._periodic(name, now_ns) for name in self._cadence.due(now_ns)))
-
-    def _streams(self) -> bool:
-        """Whether setpoints flow in this state."""
-        return self.engagement.streaming
+        for name in self._cadence.due(now_ns):
+            self._records += self._periodic(name, now_ns)
 
     def _supervise(self, now_ns: int) -> None:
         estimate = self._estimate(now_ns)
@@ -261,7 +265,7 @@ class Guide:
         connected = link.connected(now_ns)
         return View(
             connected=connected,
-            absent_because="" if connected else absence(link),
+            absent_because="" if connected else absence(link, self.connection.scheme),
             armed=link.armed,
             custom_mode=link.custom_mode,
             intended_mode=link.intended_mode,
@@ -319,15 +323,16 @@ class Guide:
         estimate = self._estimator.at(now_ns + self._actuation_delay_ns)
         return young(estimate, self.config.link)
 
-    def _periodic(self, name: str, now_ns: int) -> Record | None:
+    def _periodic(self, name: str, now_ns: int) -> list[Record]:
         if name == "state":
             estimate = self._estimate(now_ns)
-            return None if isinstance(estimate, str) else state_record(estimate)
+            return [] if isinstance(estimate, str) else [state_record(estimate)]
         if name == "status":
-            return status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)
+            return [status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)]
         if name == "link":
-            return link_record(self.link, now_ns)
-        return self.timing.record(now_ns, self.dropped_records)
+            record = self._line.measured(link_record(self.link, now_ns), self.link)
+            return [record, *self._line.news(record, self.link)]
+        return [self.timing.record(now_ns, self.dropped_records, self.dropped_packets)]
 
     def _silent(self, reason: str, now_ns: int) -> None:
         if not self._silent_because:  # once per silence, not at 50 Hz

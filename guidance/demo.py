@@ -19,6 +19,7 @@ import msgspec
 
 from guidance.child import Child
 from guidance.config import Config, ConfigError, from_json, load, parse_connection
+from guidance.connection import Network
 from guidance.demo_view import Result as Result  # what `fly` returns, so found here
 from guidance.demo_view import View
 from guidance.figures import Goals, StreamFigures, TrackingFigures, stream_figures, tracking_figures
@@ -116,8 +117,9 @@ def _plan(overrides: Sequence[str]) -> _Plan:
         raise ConfigError(
             "zenoh.config_file: the demo watches at zenoh.listen or zenoh.connect; set one of them"
         )
-    if parse_connection(config.link.connection).port == 0:
-        raise ConfigError("link.connection: the demo needs a port of 1 to 65535")
+    connection = parse_connection(config.link.connection)
+    if not isinstance(connection, Network) or connection.scheme in ("tcp", "udpbcast") or not connection.port:
+        raise ConfigError("link.connection: the demo needs udpin or udpout, and a port of 1 to 65535")
     if not zenoh.listen and zenoh.mode == "peer":
         settings.append(f'zenoh.listen=["tcp/127.0.0.1:{_free_port(socket.SOCK_STREAM)}"]')
         config = load(CONFIG_FILE, settings)
@@ -229,6 +231,7 @@ def _log_of(config: Config, made: set[Path]) -> Path | None:
 
 def _vehicle_command(config: Config) -> list[str]:
     connection = parse_connection(config.link.connection)
+    assert isinstance(connection, Network)  # the plan has seen to it
     full = config.vehicle.speed_at_full_thrust_m_s
     command = [sys.executable, "-m", "sitl", "vehicle", "--firmware", config.vehicle.profile]
     if connection.scheme == "udpin":

@@ -169,6 +169,8 @@ class Link(Record, frozen=True, kw_only=True):
     """The link to the autopilot: who is heard, what is lost or refused, and the clock between the two.
 
     `uplink_age_s` is the age of the newest packet of ours that the autopilot answered (TIMESYNC).
+    `transport` is the connection's kind; `needed_bytes_per_s` is at most needed in the busier direction,
+    `capacity_bytes_per_s` what the line carries each way, None where that is not known.
     `counters` names every kind of input that was not used (bad checksums, garbage bytes, other systems,
     non-finite values, duplicates, ...) with its count since the start.
     """
@@ -188,6 +190,11 @@ class Link(Record, frozen=True, kw_only=True):
     clock_drift_ppm: float | None
     streams: tuple[StreamStatus, ...]
     counters: dict[str, int]
+    transport: str = ""
+    received_bytes_per_s: float = 0.0
+    sent_bytes_per_s: float = 0.0
+    needed_bytes_per_s: float = 0.0
+    capacity_bytes_per_s: float | None = None
 
 
 class Timing(Record, frozen=True, kw_only=True):
@@ -204,6 +211,7 @@ class Timing(Record, frozen=True, kw_only=True):
     setpoint_gap_max_s: float
     setpoint_rate_hz: float
     dropped_records: int
+    dropped_packets: int = 0
 
 
 class Level(StrEnum):

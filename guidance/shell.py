@@ -1,15 +1,13 @@
-"""The asyncio shell around the core: socket, timer, sinks, and the one clock that the core lives by.
+"""The asyncio shell around the core: transport, timer, sinks, and the one clock that the core lives by.
 
-Order matters in `_turn`: the socket is read to its end before a setpoint is computed from the newest state,
-and what is to be sent is sent before records are encoded and offered to the sinks. The socket is the shell's
-own: asyncio's transports keep what cannot be sent at once and send it later, and a late setpoint is a wrong
-one.
+Order matters in `_turn`: the transport is read to its end before a setpoint is computed from the newest
+state, and what is to be sent is sent before records are encoded and offered to the sinks. The transports are
+our own: asyncio's keep what cannot be sent at once and send it later, and a late setpoint is a wrong one.
 """
 
 from __future__ import annotations
 
 import asyncio
-import socket
 import time
 from collections.abc import Callable
 from typing import Any, Final
@@ -19,17 +17,14 @@ from guidance.core import Guide
 from guidance.notify import Notifier
 from guidance.records import Command, InputKind, Session
 from guidance.telemetry.sinks import Sinks
+from guidance.transport import Address, Lost, Transport, open_transport, said
 
 BACK_OFF_S: Final = (0.5, 1.0, 2.0, 5.0, 10.0)
-#: Reading stops for a turn of the rest, so that a flood of datagrams cannot hold up the setpoints.
+#: Reading stops for a turn of the rest, so that a flood of bytes cannot hold up the setpoints.
 READ_AT_MOST_NS: Final = 10_000_000
 #: A problem of the network is told again when it has been away for so long.
 FORGET_PROBLEM_NS: Final = 10_000_000_000
-SINK_WATCH_S: Final = 1.0
-
-_DATAGRAM_BYTES: Final = 65535
-
-Address = tuple[Any, ...]
+WATCH_S: Final = 1.0
 
 
 class Shell:
@@ -40,15 +35,12 @@ class Shell:
     ) -> None:
         self._guide = Guide(config)
         self._connection = parse_connection(config.link.connection)
-        self._listens = self._connection.scheme == "udpin"
-        self._text = f"{self._connection.scheme}://{self._connection.host}:{self._connection.port}"
+        self._peer_silent_s = config.link.heartbeat_timeout_s
         self._sinks = sinks
         self._notifier = notifier or Notifier({}, 0)  # mute
         self._loop = asyncio.get_running_loop()
-        self._socket: socket.socket | None = None
-        self._peer: Address | None = None
-        self._peer_ns = 0
-        self._peer_silent_ns = round(config.link.heartbeat_timeout_s * 1e9)
+        self._transport: Transport | None = None
+        self._dropped = 0
         self._timer: asyncio.TimerHandle | None = None
         self._timer_ns = 0
         self._told_ns: dict[str, int] = {}
@@ -67,12 +59,12 @@ class Shell:
     @property
     def address(self) -> Address | None:
         """Where the socket is bound, None while it is not open."""
-        return None if self._socket is None else self._socket.getsockname()
+        return None if self._transport is None else self._transport.address
 
     async def run(self) -> None:
         """Until a shutdown is complete; raises what a bug of ours raised."""
         self._loop.set_exception_handler(self._unhandled)
-        tasks = [self._loop.create_task(work) for work in (self._keep_open(), self._watch_sinks())]
+        tasks = [self._loop.create_task(work) for work in (self._keep_open(), self._watch())]
         for task in tasks:
             task.add_done_callback(self._task_ended)
         try:
@@ -84,7 +76,7 @@ class Shell:
             await asyncio.gather(*tasks, return_exceptions=True)
             if self._timer is not None:
                 self._timer.cancel()
-            self._close_socket()
+            self._close_transport()
         if self._bug is not None:
             raise self._bug
 
@@ -119,8 +111,10 @@ class Shell:
                 enter(time.monotonic_ns())
             self._read()
             now_ns = time.monotonic_ns()
-            if self._guide.deadline() <= now_ns:
+            due_ns = self._guide.deadline()
+            if due_ns <= now_ns:
                 self._guide.tick(now_ns)
+                due_ns = self._guide.deadline()
             self._send()
             while self._notes:
                 self._guide.note(*self._notes.pop(0), time.monotonic_ns())
@@ -131,12 +125,11 @@ class Shell:
             if self._guide.finished:
                 self._stopped.set()
             else:
-                self._schedule()
+                self._schedule(due_ns)
         except Exception as bug:
             self._fail(bug)
 
-    def _schedule(self) -> None:
-        due_ns = self._guide.deadline()
+    def _schedule(self, due_ns: int) -> None:
         if self._timer is not None:
             if self._timer_ns <= due_ns:
                 return  # it fires first and arranges the rest
@@ -146,31 +139,31 @@ class Shell:
 
     def _timed(self) -> None:
         self._timer = None
-        if self._guide.deadline() <= time.monotonic_ns():
+        due_ns = self._guide.deadline()
+        if due_ns <= time.monotonic_ns():
             self._turn()
         else:
-            self._schedule()
+            self._schedule(due_ns)
 
     def _note(self, kind: InputKind, text: str) -> None:
         self._notes.append((kind, text))
         self._turn()
 
-    # The socket --------------------------------------------------------------------------------------
+    # The transport -----------------------------------------------------------------------------------
 
     async def _keep_open(self) -> None:
-        """Open the socket, and open it again with back-off whenever that or the socket fails."""
+        """Open the transport, and open it again with back-off whenever that or the transport fails."""
         failures = 0
         while True:
             self._closed.clear()
             try:
-                self._socket = await self._open()
-            except (OSError, UnicodeError) as error:  # UnicodeError: a host that cannot be a name
-                what, why = "cannot be opened", getattr(error, "strerror", None) or str(error)
+                transport = await open_transport(self._connection, self._peer_silent_s)
+            except Lost as lost:
+                what, why = "cannot be opened", str(lost)
             else:
-                verb = "listening on" if self._listens else "sending to"
-                name = self._socket.getsockname() if self._listens else self._socket.getpeername()
-                self._loop.add_reader(self._socket, self._turn)
-                self._note(InputKind.LINK_UP, f"{verb} {_shown(name)} (UDP)")
+                self._transport, self._dropped = transport, 0
+                self._listen()
+                self._note(InputKind.LINK_UP, transport.opened)
                 opened = self._loop.time()
                 await self._closed.wait()
                 what, why = "failed", self._why_closed
@@ -178,84 +171,63 @@ class Shell:
                     failures = 0
             delay_s = BACK_OFF_S[min(failures, len(BACK_OFF_S) - 1)]
             failures += 1
-            self._note(InputKind.LINK_DOWN, f"{self._text} {what}: {why}; again in {delay_s:g} s")
+            self._note(InputKind.LINK_DOWN, f"{self._connection} {what}: {why}; again in {delay_s:g} s")
             await asyncio.sleep(delay_s)
 
-    async def _open(self) -> socket.socket:
-        host, port = self._connection.host, self._connection.port
-        found = await self._loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-        found.sort(key=lambda info: info[0] != socket.AF_INET)  # what autopilots speak
-        problem: OSError | None = None
-        for family, kind, protocol, _, address in found:
-            opened = socket.socket(family, kind, protocol)
-            try:
-                opened.setblocking(False)
-                (opened.bind if self._listens else opened.connect)(address)
-            except OSError as error:
-                opened.close()
-                problem = problem or error
-            else:
-                return opened
-        raise problem or OSError(f"{host} has no address")
+    def _listen(self) -> None:
+        """Wait for bytes. After an error uvloop stops waiting on a descriptor, so it must be told anew."""
+        if self._transport is not None:
+            self._loop.remove_reader(self._transport.fileno())
+            self._loop.add_reader(self._transport.fileno(), self._turn)
 
-    def _close_socket(self) -> None:
-        opened, self._socket = self._socket, None
-        if opened is not None:
-            self._loop.remove_reader(opened)
-            opened.close()
+    def _close_transport(self) -> None:
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            self._loop.remove_reader(transport.fileno())
+            transport.close()
+
+    def _failed(self, lost: Lost) -> None:
+        self._why_closed = str(lost)
+        self._close_transport()
+        self._closed.set()
 
     def _read(self) -> None:
-        """All datagrams that wait, in order. Whoever speaks as the configured autopilot gets the answers."""
-        guide, end_ns = self._guide, time.monotonic_ns() + READ_AT_MOST_NS
-        while self._socket is not None:
+        """All that waits, in order. Whoever speaks as the configured autopilot gets the answers."""
+        guide, link, end_ns = self._guide, self._guide.link, time.monotonic_ns() + READ_AT_MOST_NS
+        while (transport := self._transport) is not None:
             try:
-                data, address = self._socket.recvfrom(_DATAGRAM_BYTES)
-            except (BlockingIOError, InterruptedError):
+                came = transport.receive()
+            except Lost as lost:
+                self._failed(lost)
                 return
-            except ConnectionError as error:
-                self._network(error)  # nobody listens at the other end yet
-                continue
             except OSError as error:
-                self._why_closed = error.strerror or str(error)
-                self._close_socket()
-                self._closed.set()
+                self._trouble(error)
+                continue
+            if came is None:
                 return
             now_ns = time.monotonic_ns()
-            before = guide.link.received
-            guide.receive(data, now_ns)
-            if guide.link.received != before:
-                self._heard(address, now_ns)
+            before = link.received
+            guide.receive(came[0], now_ns)
+            if link.received != before and (problem := transport.heard(came[1], now_ns)):
+                self._tell(problem)
             self._send()
             if now_ns >= end_ns:
                 return
 
-    def _heard(self, address: Address, now_ns: int) -> None:
-        """The autopilot spoke from `address`; answers go there, unless they go to one that still speaks."""
-        if address != self._peer:
-            if self._peer is not None and now_ns - self._peer_ns <= self._peer_silent_ns:
-                self._tell(
-                    f"the autopilot's id is used from {_shown(address)} as well as from "
-                    f"{_shown(self._peer)}, who gets the setpoints: are there two vehicles of one id?",
-                )
-                return
-            self._peer = address
-        self._peer_ns = now_ns
-
     def _send(self) -> None:
-        packets = self._guide.packets()
-        if self._socket is None:
-            return
-        for packet in packets:
+        for packet in self._guide.packets():
+            if self._transport is None:
+                return
             try:
-                if not self._listens:
-                    self._socket.send(packet)
-                elif self._peer is not None:
-                    self._socket.sendto(packet, self._peer)
+                self._transport.send(packet)
+            except Lost as lost:
+                self._failed(lost)
             except OSError as error:  # lost, as on the way: what follows is newer
-                self._network(error)
+                self._trouble(error)
 
-    def _network(self, error: OSError) -> None:
-        self._tell(f"{self._text}: {error.strerror or error}")
+    def _trouble(self, error: OSError) -> None:
+        self._loop.call_soon(self._listen)
+        self._tell(f"{self._connection}: {said(error)}")
 
     def _tell(self, problem: str) -> None:
         """Note a problem of the network once, not at 50 Hz."""
@@ -266,13 +238,14 @@ class Shell:
             if told_ns is None or now_ns - told_ns > FORGET_PROBLEM_NS:
                 self._notes.append((InputKind.NOTE, problem))
 
-    # The sinks ---------------------------------------------------------------------------------------
+    # Once a second -----------------------------------------------------------------------------------
 
-    async def _watch_sinks(self) -> None:
-        """What is wrong with a sink is said once; nothing waits for it."""
+    async def _watch(self) -> None:
+        """What is wrong with a sink or with the way out is said once; nothing waits for it."""
         while True:
-            await asyncio.sleep(SINK_WATCH_S)
+            await asyncio.sleep(WATCH_S)
             self.look_at_sinks()
+            self._look_at_transport()
 
     def look_at_sinks(self) -> None:
         """Note what has come to be wrong with a sink since the last look, and what is well again."""
@@ -280,7 +253,13 @@ class Shell:
         for news in self._sinks.news():
             self._note(InputKind.NOTE, news)
 
-
-def _shown(address: Address) -> str:
-    host, port = address[:2]
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+    def _look_at_transport(self) -> None:
+        """Note packets that could not be sent."""
+        dropped = 0 if self._transport is None else self._transport.dropped
+        if dropped > self._dropped:
+            self._guide.dropped_packets += dropped - self._dropped
+            self._dropped = dropped
+            problem = (
+                "packets are dropped, as the line does not take them in time: too slow, or is nobody reading?"
+            )
+            self._tell(f"{self._connection}: {problem}")

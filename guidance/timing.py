@@ -41,7 +41,7 @@ class LoopTiming:
         """The stream was ended on purpose: the time until it starts again is no gap."""
         self._last_ns = None
 
-    def record(self, now_ns: int, dropped_records: int) -> Timing:
+    def record(self, now_ns: int, dropped_records: int, dropped_packets: int = 0) -> Timing:
         """The figures since the start."""
         rate = self._intervals * 1e9 / self._streamed_ns if self._streamed_ns else 0.0
         return Timing(
@@ -53,4 +53,5 @@ class LoopTiming:
             setpoint_gap_max_s=self._gap_max_ns * 1e-9,
             setpoint_rate_hz=rate,
             dropped_records=dropped_records,
+            dropped_packets=dropped_packets,
         )

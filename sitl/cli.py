@@ -45,9 +45,14 @@ def vehicle(
         typer.Option(metavar="HOST:PORT", help="Where to send; without it, to whoever wrote last."),
     ] = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="UDP port to listen on; 0 takes a free one.")
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
     ] = 14580,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    tcp: Annotated[bool, typer.Option("--tcp", help="Be a TCP server instead of using UDP.")] = False,
+    pty: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="Make a serial port (pseudo-terminal), named so, instead."),
+    ] = None,
     position: Annotated[
         str | None,
         typer.Option(metavar="N,E,D", help="Start in metres NED; default -10,-30,-5 (rover: -10,-30,0)."),
@@ -85,10 +90,14 @@ def vehicle(
     try:
         if not 1e-3 <= truth_period < math.inf:
             raise ValueError(f"--truth-period must be at least 0.001 s, not {truth_period}")
+        if (to is not None) + tcp + (pty is not None) > 1:
+            raise ValueError("--to, --tcp and --pty exclude each other")
         shell_options = ShellOptions(
             host=host,
             port=port,
             to=None if to is None else _address(to),
+            tcp=tcp,
+            pty=pty,
             truth=truth,
             truth_period_s=truth_period,
             exit_with_stdin=exit_with_stdin,

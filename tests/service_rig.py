@@ -85,10 +85,11 @@ class VehicleEnd(asyncio.DatagramProtocol):
         self._in, self._out = mavlink.MAVLink(None), mavlink.MAVLink(None)
         self._timer: asyncio.TimerHandle | None = None
 
-    async def open(self, port: int = 0) -> None:
+    async def open(self, port: int = 0, sock: socket.socket | None = None) -> None:
         self._loop = asyncio.get_running_loop()
+        local = None if sock else ("127.0.0.1", port)
         self._transport, _ = await self._loop.create_datagram_endpoint(
-            lambda: self, local_addr=("127.0.0.1", port)
+            lambda: self, local_addr=local, sock=sock
         )
         self.live()
 
@@ -102,11 +103,14 @@ class VehicleEnd(asyncio.DatagramProtocol):
         for datagram in self._vehicle.advance(time.monotonic_ns()):
             if self._to is not None:
                 self.sent += self._out.parse_buffer(datagram) or []
-                self._transport.sendto(datagram, self._to)
+                self.say(datagram, self._to)
         if self._timer is not None:
             self._timer.cancel()
         delay_s = (self._vehicle.deadline() - time.monotonic_ns()) * 1e-9
         self._timer = self._loop.call_later(max(delay_s, 0.0), self.live)
+
+    def say(self, datagram: bytes, to: tuple[str, int]) -> None:
+        self._transport.sendto(datagram, to)
 
     def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:
         self._to = self._to or (addr[0], addr[1])

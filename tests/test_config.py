@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from guidance.config import (
     Config,
     ConfigError,
-    Connection,
     from_json,
     load,
     parse,
-    parse_connection,
     to_json,
 )
 from guidance.trajectory import TRAJECTORIES
@@ -248,38 +246,6 @@ def test_an_override_has_the_last_word_and_is_blamed_instead_of_the_line() -> No
     assert make_config("flight.origin=[47.0, 8.0, 400]").flight.origin == (47.0, 8.0, 400.0)
     assert make_config("log.enabled=false").log.enabled is False
     assert refusal("law.rho2_per_s=nan").startswith("--set law.rho2_per_s=nan: law.rho2_per_s = nan: ")
-
-
-CONNECTIONS = {
-    "": "expected udpin://",
-    "udp://1.2.3.4:5": "expected udpin://HOST:PORT (listen) or udpout://HOST:PORT (connect)",
-    "udpin:1.2.3.4:5": "expected",
-    "udpin://": "expected",
-    "udpin://:14540": "expected",
-    "udpin://[::1": "expected",
-    "udpin://host": "the port is missing",
-    "udpin://host:port": "the port must be a number from 0 to 65535",
-    "udpin://host:65536": "the port must be a number from 0 to 65535",
-    "udpin://host:1/path": "nothing may follow the port",
-    "udpin://host:1?x": "nothing may follow the port",
-    "udpin://me@host:1": "nothing may follow the port",
-    "udpout://host:0": "port 0 is only for listening",
-}
-
-
-@pytest.mark.parametrize("text", CONNECTIONS)
-def test_a_wrong_connection_is_refused(text: str) -> None:
-    message = refusal(f'link.connection="{text}"')
-    assert f'link.connection = "{text}": {CONNECTIONS[text]}' in message
-    assert "expected udpin://HOST:PORT (listen) or udpout://HOST:PORT (connect)" in message
-
-
-def test_connections_are_taken_apart() -> None:
-    assert parse_connection("udpin://0.0.0.0:0") == Connection("udpin", "0.0.0.0", 0)
-    assert parse_connection("udpout://autopilot.local:14580") == Connection(
-        "udpout", "autopilot.local", 14580
-    )
-    assert parse_connection("udpin://[::1]:14540") == Connection("udpin", "::1", 14540)
 
 
 def some_config() -> st.SearchStrategy[Config]:

@@ -134,17 +134,11 @@ def test_a_socket_that_fails_is_closed_and_opened_again(monkeypatch: pytest.Monk
     async def main() -> None:
         async with running() as rig:
             host, port = await rig.address()
-            opened = rig.shell._socket
-            assert opened is not None
 
-            class Failing:
-                def recvfrom(self, size: int) -> tuple[bytes, Any]:
-                    raise OSError(errno.EIO, "Input/output error")
+            def fail(size: int) -> tuple[bytes, Any]:
+                raise OSError(errno.EIO, "Input/output error")
 
-                def __getattr__(self, name: str) -> Any:
-                    return getattr(opened, name)
-
-            monkeypatch.setattr(rig.shell, "_socket", Failing())
+            monkeypatch.setattr(rig.shell._transport, "_recvfrom", fail)
             with a_socket() as sock:
                 sock.sendto(b"wake up", (host, port))
                 await rig.bell.until(lambda: len(rig.memory.events("link_up")) > 1, "a new socket")
@@ -174,6 +168,27 @@ def test_a_refusal_is_said_once_and_the_service_goes_on() -> None:
         assert "refused" in rig.memory.events("note")[0]
 
     uvloop.run(main())
+
+
+@on_both_loops
+def test_after_a_refusal_the_socket_still_wakes_the_service(runner: Runner) -> None:
+    """uvloop stops waiting on a descriptor that had an error (found with a timer that never fires)."""
+
+    async def main() -> None:
+        with a_socket() as closed:
+            port = closed.getsockname()[1]
+        async with running(f'link.connection="udpout://127.0.0.1:{port}"') as rig:
+            await rig.bell.until(lambda: rig.memory.events("note"), "a refusal")
+            guide = rig.shell._guide
+            deadline = guide.deadline
+            guide.deadline = lambda: time.monotonic_ns() + 10**12  # type: ignore[method-assign]
+            with a_socket(port) as autopilot:
+                assert rig.shell.address is not None
+                autopilot.sendto(heartbeat(1), rig.shell.address)
+                await rig.bell.until(lambda: guide.link.received, "the heartbeat to be read")
+            guide.deadline = deadline  # type: ignore[method-assign]
+
+    runner(main())
 
 
 @on_both_loops
@@ -222,7 +237,7 @@ def test_a_bug_ends_the_service_and_no_packet_follows(where: str, monkeypatch: p
 
 
 def test_a_bug_in_a_task_of_the_shell_ends_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shell, "SINK_WATCH_S", 0.01)
+    monkeypatch.setattr(shell, "WATCH_S", 0.01)
 
     def broken(_: Shell) -> None:
         raise ZeroDivisionError

@@ -19,7 +19,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl import cli
-from sitl.shell import MAX_TRUTH_BACKLOG, Driver, ShellOptions, TruthWriter
+from sitl.line import UdpDriver
+from sitl.truth import MAX_TRUTH_BACKLOG, TruthWriter
 from sitl.vehicle import Truth, Vehicle, VehicleOptions
 
 COMMAND = [sys.executable, "-m", "sitl", "vehicle", "--port", "0"]
@@ -170,7 +171,7 @@ def test_a_reader_that_does_not_read_costs_lines_of_truth_and_no_time() -> None:
 
 def test_a_datagram_that_nobody_takes_is_no_error() -> None:
     async def send() -> bool:
-        driver = Driver(Vehicle(VehicleOptions()), ShellOptions(), None)
+        driver = UdpDriver(None, Vehicle(VehicleOptions()), None, 0.02)
         driver.error_received(ConnectionRefusedError())
         driver.close()
         return True

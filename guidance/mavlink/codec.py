@@ -57,6 +57,12 @@ class FrameReader:
         self._stream = stream
         self._rest = b""
 
+    def forget(self) -> None:
+        """The stream was interrupted: what was kept of a frame has no end any more."""
+        if self._rest:
+            self.counters["garbage_bytes"] += len(self._rest)
+            self._rest = b""
+
     def feed(self, data: bytes) -> list[Frame]:
         """The frames completed by `data`, in order."""
         buffer = self._rest + data if self._rest else data

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.mavlink.boot import BootClock, BootTime
 from guidance.mavlink.clock import ClockFilter
 from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
+from guidance.mavlink.company import Company
 from guidance.mavlink.messages import (
     DECODERS,
     MESSAGE_IDS,
@@ -34,6 +35,7 @@ from guidance.mavlink.messages import (
 from guidance.mavlink.profiles import command_long
 from guidance.mavlink.sequence import Order, SequenceWatch
 from guidance.mavlink.streams import Stream, Streams
+from guidance.mavlink.twins import Twins
 
 #: This component, as other MAVLink nodes see it.
 COMPONENT_ID: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -52,8 +54,6 @@ _QUESTIONS_KEPT: Final = 32
 _INTENDED_OLD_NS: Final = 3_000_000_000
 #: A clock that TIMESYNC finds set back by more than this belongs to an autopilot that rebooted.
 _REBOOT_STEP_S: Final = 1.0
-#: Of so many other senders the heartbeats are told apart; the rest are only counted.
-_OTHERS_MAX: Final = 16
 
 #: The command was neither carried out nor refused for good.
 _NO_VERDICT: Final = (dialect.MAV_RESULT_TEMPORARILY_REJECTED, dialect.MAV_RESULT_IN_PROGRESS)
@@ -86,8 +86,11 @@ class AutopilotLink:
         self.reader = FrameReader(stream=byte_stream)
         self.counters: Counter[str] = Counter()
         self.bytes_received = 0
+        self.bytes_sent = 0
         self.received = 0
-        self.others: Counter[tuple[int, int]] = Counter()  # whose heartbeats are heard beside
+        self.company = Company()
+        self.twins = Twins()
+        self.bytes_at_heartbeat = (0, 0)  # all of them, and those that were garbage
         self.reboots = 0
         self.heartbeat: Heartbeat | None = None
         self.custom_mode: int | None = None  # from the newest of HEARTBEAT and CURRENT_MODE
@@ -151,9 +154,11 @@ class AutopilotLink:
                 continue
             place = self.sequence.place(frame.sequence, now_ns)
             # An equal number alone proves nothing: a frame of an unknown id cannot be checked, may be forged.
-            if place.order is Order.DUPLICATE and self._recent.get(frame.sequence) == frame:
-                self.counters["duplicate"] += 1
-                continue
+            if place.order is Order.DUPLICATE:
+                if self._recent.get(frame.sequence) == frame:
+                    self.counters["duplicate"] += 1
+                    continue
+                self.twins.conflict(self.sequence.newest, now_ns)
             if place.order is not Order.NEW:
                 self.counters["late"] += 1
             self._recent[frame.sequence] = frame
@@ -173,10 +178,7 @@ class AutopilotLink:
         if frame.system == self.system and frame.component == self.component:
             return True
         self.counters["other_system" if frame.system != self.system else "other_component"] += 1
-        sender = (frame.system, frame.component)
-        known = sender in self.others or len(self.others) < _OTHERS_MAX
-        if frame.message_id == _HEARTBEAT and frame.known and known:
-            self.others[sender] += 1
+        self.company.heard(frame)
         return False
 
     def _note(self, body: Body, number: int, now_ns: int) -> bool:
@@ -194,6 +196,7 @@ class AutopilotLink:
                 return False
             self.heartbeat = body
             self.heartbeat_ns = now_ns
+            self.bytes_at_heartbeat = (self.bytes_received, self.reader.counters["garbage_bytes"])
             self.custom_mode = body.custom_mode
         elif isinstance(body, CurrentMode):
             if self._overtaken(number):
@@ -282,7 +285,9 @@ class AutopilotLink:
 
     def send(self, message: Any) -> None:
         """Queue one of pymavlink's messages."""
-        self._outbox.append(self._writer.pack(message))
+        packet = self._writer.pack(message)
+        self.bytes_sent += len(packet)
+        self._outbox.append(packet)
 
     def status_text(self, severity: int, text: str) -> None:
         """Queue STATUSTEXT (253), cut to its 50 bytes."""
@@ -300,16 +305,8 @@ class AutopilotLink:
         """Queue what is due: our heartbeat, a TIMESYNC question, requests that were not answered."""
         if now_ns >= self._next_heartbeat_ns:
             self._next_heartbeat_ns = now_ns + _HEARTBEAT_PERIOD_NS
-            self.send(
-                dialect.MAVLink_heartbeat_message(
-                    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-                    dialect.MAV_AUTOPILOT_INVALID,
-                    0,
-                    0,
-                    dialect.MAV_STATE_ACTIVE,
-                    3,
-                )
-            )
+            kind, state = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
+            self.send(dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3))
         if not self.connected(now_ns) or now_ns - self._intended_ns > _INTENDED_OLD_NS:
             self.intended_mode = None
         if self.heartbeat is None:
@@ -344,5 +341,4 @@ class AutopilotLink:
         self.send(command_long(self.system, self.component, command, *params))
 
 
-_HEARTBEAT: Final = MESSAGE_IDS["HEARTBEAT"]
 _NAMES: Final = {message_id: name for name, message_id in MESSAGE_IDS.items()}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.mavlink.company import AUTOPILOT, RADIO
 from guidance.mavlink.link import AutopilotLink
 from guidance.records import Link
 
@@ -33,23 +36,72 @@ def link_record(link: AutopilotLink, now_ns: int) -> Link:
     )
 
 
-def absence(link: AutopilotLink) -> str:
-    """Why there is no autopilot, from what is heard instead, and what to look at."""
+def absence(link: AutopilotLink, scheme: str) -> str:
+    """Why there is no autopilot, from what is heard instead, and what to look at.
+
+    `scheme` is the connection's kind.
+    """
     wanted = f"{link.system}/{link.component}"
     if link.heartbeat is not None:
-        return f"the heartbeat of {wanted} stopped: is the autopilot on, does the link stand?"
+        return f"the heartbeat of {wanted} stopped: {_since_heartbeat(link, scheme)}"
     if link.reboots and link.received:
         return "the autopilot rebooted: waiting for its heartbeat"
     if not link.bytes_received:
-        return "no bytes yet: does the autopilot or a router send to this port?"
-    if link.others:
-        heard = ", ".join(f"{system}/{component}" for system, component in sorted(link.others))
-        return (
-            f"heartbeats of {heard}, none of {wanted}: is vehicle.system_id right, does the router forward?"
-        )
+        return f"no bytes yet: {_NOTHING[scheme]}"
+    if link.company.roles:
+        return f"heard: {link.company}, no heartbeat of {wanted}: {_instead(link)}"
     if link.received:
         return f"packets of {wanted}, but no heartbeat of an autopilot yet"
-    return f"{link.bytes_received} bytes, but no heartbeat of {wanted}: is this a MAVLink port?"
+    if not link.company.frames or _is_garbage(link.bytes_received, link.reader.counters["garbage_bytes"]):
+        return f"{link.bytes_received} bytes and no MAVLink frame: {_GARBAGE[scheme]}"
+    return f"{link.bytes_received} bytes, but no heartbeat of {wanted}: does the router forward it?"
+
+
+#: What to look at when nothing comes.
+_NOTHING: Final = {
+    "udpin": "does the autopilot or a router send to this port?",
+    "udpout": "does an autopilot or a router listen at this address?",
+    "udpbcast": "is the autopilot on this network, does it listen on this port?",
+    "tcp": "does what listens there serve MAVLink, is the autopilot on?",
+    "serial": "is it on, RX wired to TX, its port set to MAVLink (SERIALx_PROTOCOL, MAV_x_CONFIG)?",
+}
+#: What to look at when what comes is not MAVLink.
+_GARBAGE: Final = {
+    "udpin": "another program sends to this port",
+    "udpout": "another program answers at this address",
+    "udpbcast": "another program answers",
+    "tcp": "what listens there does not speak MAVLink, or another program does",
+    "serial": "wrong baud rate? A console or GPS on this port, or another program that takes bytes away?",
+}
+#: Of what came: above this part of it is not MAVLink, whatever a checksum may have found in it by chance.
+_GARBAGE_PART: Final = 0.9
+_GARBAGE_MIN_BYTES: Final = 200
+
+
+def _is_garbage(total_bytes: int, garbage_bytes: int) -> bool:
+    return total_bytes >= _GARBAGE_MIN_BYTES and garbage_bytes > _GARBAGE_PART * total_bytes
+
+
+def _since_heartbeat(link: AutopilotLink, scheme: str) -> str:
+    total, garbage = link.bytes_at_heartbeat
+    came = link.bytes_received - total
+    if _is_garbage(came, link.reader.counters["garbage_bytes"] - garbage):
+        return f"{came} bytes since, and hardly a MAVLink frame: {_GARBAGE[scheme]}"
+    return "is the autopilot on, does the link stand?"
+
+
+def _instead(link: AutopilotLink) -> str:
+    """What the company suggests."""
+    roles = link.company.roles
+    autopilots = sorted(sender for sender, role in roles.items() if role == AUTOPILOT)
+    if autopilots:
+        system, component = autopilots[0]
+        return f"is it vehicle.system_id = {system}, vehicle.component_id = {component} that is meant?"
+    if set(roles.values()) == {RADIO}:
+        return (
+            "nothing comes through the radio: is the other one powered, paired, at the autopilot's baud rate?"
+        )
+    return "is vehicle.system_id right, does the router forward the autopilot's packets?"
 
 
 def _enum_name(enum: str, value: int) -> str:

@@ -40,6 +40,11 @@ class SequenceWatch:
         self._missed = 0  # bit i: number `newest - i` was counted as lost
         self._not_new = 0
 
+    @property
+    def newest(self) -> int | None:
+        """The newest number, on the count that does not wrap."""
+        return self._newest
+
     def place(self, sequence: int, now_ns: int) -> Place:
         """Where the frame with this sequence number belongs."""
         if self._newest is None:

@@ -1,0 +1,75 @@
+"""Who else is heard on the link: ground stations, radios, other vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance.mavlink.codec import Frame
+from guidance.mavlink.messages import DECODERS, Heartbeat
+
+AUTOPILOT: Final = "an autopilot"
+RADIO: Final = "a telemetry radio"
+GROUND_STATION: Final = "a ground station"
+
+#: Of so many senders it is known what they are; the rest are only counted.
+_KNOWN_MAX: Final = 16
+_RADIO_COMPONENTS: Final = (
+    dialect.MAV_COMP_ID_TELEMETRY_RADIO,
+    dialect.MAV_COMP_ID_UDP_BRIDGE,
+    dialect.MAV_COMP_ID_UART_BRIDGE,
+)
+
+
+class Company:
+    """Every sender but the autopilot: `frames` counts their good frames."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self._roles: dict[tuple[int, int], str] = {}
+
+    @property
+    def roles(self) -> Mapping[tuple[int, int], str]:
+        """What each is, by system and component; as far as it has said so."""
+        return self._roles
+
+    def heard(self, frame: Frame) -> None:
+        """A frame of another sender; one of an unknown id cannot be checked and proves nothing."""
+        if not frame.known:
+            return
+        self.frames += 1
+        role = _ROLES.get(frame.message_id)
+        sender = (frame.system, frame.component)
+        if role is not None and (sender in self._roles or len(self._roles) < _KNOWN_MAX):
+            self._roles[sender] = role(frame)
+
+    def __str__(self) -> str:
+        return ", ".join(
+            f"{role} ({system}/{component})" for (system, component), role in sorted(self._roles.items())
+        )
+
+
+def _role(frame: Frame) -> str:
+    """What the sender of a heartbeat is."""
+    beat = DECODERS[frame.message_id](frame.payload)
+    assert isinstance(beat, Heartbeat)
+    if frame.component in _RADIO_COMPONENTS:
+        return RADIO
+    if beat.type == dialect.MAV_TYPE_GCS:
+        return GROUND_STATION
+    if beat.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+        return AUTOPILOT
+    kind = dialect.enums["MAV_TYPE"].get(beat.type)
+    if kind is None:
+        return f"type {beat.type}"
+    return str(kind.name).removeprefix("MAV_TYPE_").replace("_", " ").lower()
+
+
+#: What tells them apart. Radios of SiK's kind (51/68) send no heartbeat, only the state of the radio link.
+_ROLES: Final[dict[int, Callable[[Frame], str]]] = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: _role,
+    dialect.MAVLINK_MSG_ID_RADIO_STATUS: lambda frame: RADIO,
+    dialect.MAVLINK_MSG_ID_RADIO: lambda frame: RADIO,
+}

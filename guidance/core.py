@@ -17,16 +17,17 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimate, Estimator
+from guidance.mavlink.budget import affords_odometry
 from guidance.mavlink.line import LineWatch
 from guidance.mavlink.link import AutopilotLink, Received
 from guidance.mavlink.messages import (
-    Attitude,
-    AttitudeQuaternion,
     CommandAck,
     CurrentMode,
+    GlobalPositionInt,
     Heartbeat,
     LocalPositionNed,
     NamedValueFloat,
+    StateBody,
     StatusText,
 )
 from guidance.mavlink.profiles import (
@@ -41,7 +42,7 @@ from guidance.mavlink.streams import Stream, wanted_streams
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
-from guidance.reporting import Cadence, setpoint_records, state_record, status_record
+from guidance.reporting import Cadence, news_event, setpoint_records, state_record, status_record
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
 from guidance.timing import LoopTiming
 from guidance.tracker import Solution, Tracker, is_usable
@@ -79,7 +80,7 @@ class Guide:
         self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it,
         self.dropped_packets = 0  # nor on this
         self._line = LineWatch(self.connection, config.link.rate_hz, self._streams_at)
-        self._estimator = Estimator()
+        self._estimator = Estimator(self.profile.project)
         self._cadence = Cadence()
         self._records: list[Record] = []
         self._packets: list[bytes] = []
@@ -142,7 +143,14 @@ class Guide:
 
     def _streams_at(self, rate_hz: float) -> list[Stream]:
         link = self.config.link
-        return wanted_streams(rate_hz, link.attitude_timeout_s, link.position_timeout_s, self.profile.mode_hz)
+        affordable = affords_odometry(self.connection.capacity_bytes_per_s, rate_hz)
+        return wanted_streams(
+            rate_hz,
+            link.attitude_timeout_s,
+            link.position_timeout_s,
+            self.profile.mode_hz,
+            odometry=self.profile.odometry and affordable,
+        )
 
     # Outputs -----------------------------------------------------------------------------------------
 
@@ -175,7 +183,7 @@ class Guide:
             self._estimator.reset()
             self._event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
             self._watch_ns = now_ns
-        if isinstance(body, AttitudeQuaternion | Attitude | LocalPositionNed):
+        if isinstance(body, StateBody):
             self._take_sample(received.name, body, now_ns)
             return
         stream = self.link.streams.get(received.name)
@@ -192,24 +200,29 @@ class Guide:
         elif isinstance(body, Heartbeat | CurrentMode):
             self._watch_ns = now_ns  # look at once, the pilot may have switched
 
-    def _take_sample(
-        self, name: str, body: AttitudeQuaternion | Attitude | LocalPositionNed, now_ns: int
-    ) -> None:
-        if not self.link.clock.synced(now_ns):
+    def _take_sample(self, name: str, body: StateBody, now_ns: int) -> None:
+        link = self.link
+        if not link.clock.synced(now_ns):
             refused: str | None = "before_time_sync"
         else:
-            instant_ns = self.link.clock.to_local_ns(body.time_boot_ms * 1_000_000)
-            refused = self._estimator.take(body, instant_ns, now_ns)
-        if refused == "not_needed":
-            return
-        stream = self.link.streams.get(name)
+            instant_ns = link.clock.to_local_ns(body.since_boot_ns)
+            refused = self._estimator.take(body, instant_ns, now_ns, link.origin)
+        stream = link.streams.get(name)
         if stream is not None:
-            stream.arrived(now_ns, valid=refused is None)
-        nearly_ns = self._next_ns - round((1.0 - NEARLY) * self._period_ns)
-        if refused is not None:
-            self.link.counters[f"{name}:{refused}"] += 1
-        elif not isinstance(body, LocalPositionNed) and now_ns >= nearly_ns:
-            self._due_ns = min(self._due_ns, now_ns)
+            stream.arrived(now_ns, valid=refused is None or refused == "not_needed")
+        if refused is None:
+            if self._estimator.news:
+                self._tell_news(now_ns)
+            nearly_ns = self._next_ns - round((1.0 - NEARLY) * self._period_ns)
+            if not isinstance(body, LocalPositionNed | GlobalPositionInt) and now_ns >= nearly_ns:
+                self._due_ns = min(self._due_ns, now_ns)
+        elif refused != "not_needed":
+            link.counters[f"{name}:{refused}"] += 1
+
+    def _tell_news(self, now_ns: int) -> None:
+        """The estimator was reset, or another source is used."""
+        self._records += [news_event(happened, now_ns) for happened in self._estimator.news]
+        self._estimator.news.clear()
 
     # Ticking -----------------------------------------------------------------------------------------
 

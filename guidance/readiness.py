@@ -5,7 +5,7 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config, Link
-from guidance.estimate import Estimate
+from guidance.estimate import ATTITUDES, POSITIONS, Estimate
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Profile
 from guidance.records import StreamStatus
@@ -53,10 +53,11 @@ def first_unmet(
     if not link.clock.synced(now_ns):
         return "the autopilot's clock is not known: waiting for its TIMESYNC answers"
     if not engaging:
-        for alternatives in (("ATTITUDE_QUATERNION", "ATTITUDE"), ("LOCAL_POSITION_NED",)):
-            verdicts = [_unusable(link.streams[message].status(now_ns)) for message in alternatives]
-            if None not in verdicts:
-                return verdicts[0]
+        for alternatives in (ATTITUDES, POSITIONS):
+            wanted = [stream.status(now_ns) for stream in map(link.streams.get, alternatives) if stream]
+            verdict = _none_usable(wanted)
+            if verdict is not None:
+                return verdict
     if isinstance(estimate, str):
         return estimate
     position = estimate.pose.position
@@ -76,9 +77,17 @@ def _enum_name(enum: str, value: int) -> str:
     return f"{enum} {value}" if entry is None else str(entry.name)
 
 
+def _none_usable(alternatives: list[StreamStatus]) -> str | None:
+    """Why none of the messages, best first, can be used; None if one can."""
+    alive = [status for status in alternatives if status.alive]
+    if not alive:
+        *others, last = [status.message for status in alternatives]
+        return f"no {', '.join(others)} or {last}: is the estimator ready?"
+    verdicts = [_unusable(status) for status in alive]
+    return None if None in verdicts else verdicts[0]
+
+
 def _unusable(status: StreamStatus) -> str | None:
-    if not status.alive:
-        return f"no {status.message}: is the estimator ready?"
     if not status.at_rate:
         return f"{status.message} comes at {status.rate_hz:.0f} of {status.wanted_hz:.0f} Hz"
     if not status.valid:

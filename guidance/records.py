@@ -78,8 +78,12 @@ class Session(Record, frozen=True, kw_only=True):
     config_json: str
 
 
-class State(Record, frozen=True, kw_only=True, gc=False):
-    """The vehicle at `t_ns`, predicted from the newest attitude and position by `predicted_s`."""
+class State(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
+    """The vehicle at `t_ns`, predicted from the newest attitude and position by `predicted_s`.
+
+    The sources are the MAVLink messages in use. `resets` counts those found of the autopilot's estimator.
+    `source_offset_m` is how far the position still is from what its source says, since a switch of sources.
+    """
 
     position_ned_m: Triple
     velocity_ned_m_s: Triple
@@ -91,6 +95,8 @@ class State(Record, frozen=True, kw_only=True, gc=False):
     attitude_source: str
     position_source: str
     vehicle_time_ms: int
+    resets: int = 0
+    source_offset_m: float = 0.0
 
 
 class Reference(Record, frozen=True, kw_only=True, gc=False):

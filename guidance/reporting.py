@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from guidance.engagement import Engagement
-from guidance.estimate import Estimate
+from guidance.estimate import Estimate, Reset, Switch
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Outgoing
-from guidance.records import Record, Reference, Setpoint, State, Status, TrackingError
+from guidance.records import Event, Level, Record, Reference, Setpoint, State, Status, TrackingError
 from guidance.se3 import norm
 from guidance.tracker import Solution, Tracker
 
@@ -81,6 +81,19 @@ def state_record(estimate: Estimate) -> State:
         attitude_source=estimate.attitude.source,
         position_source=estimate.position.source,
         vehicle_time_ms=estimate.attitude.boot_ms,
+        resets=estimate.resets,
+        source_offset_m=estimate.offset_m,
+    )
+
+
+def news_event(happened: Reset | Switch, now_ns: int) -> Event:
+    """A reset of the autopilot's estimator, or that another source is used."""
+    reset = isinstance(happened, Reset)
+    return Event(
+        t_ns=now_ns,
+        level=Level.WARNING if reset else Level.NOTICE,
+        code="estimator_reset" if reset else "source",
+        text=str(happened),
     )
 
 

@@ -170,6 +170,16 @@ def quaternion_exp(rotation_vector: Vec3) -> Quaternion:
     return Quaternion(cos(0.5 * theta), s * rotation_vector.x, s * rotation_vector.y, s * rotation_vector.z)
 
 
+def quaternion_log(q: Quaternion) -> Vec3:
+    """The rotation vector (rad, at most pi long) of a unit quaternion: the inverse of `quaternion_exp`."""
+    sine = sqrt(q.x * q.x + q.y * q.y + q.z * q.z)
+    if sine == 0.0:
+        return Vec3(0.0, 0.0, 0.0)
+    # q and -q are one rotation; the one with w >= 0 is the short way.
+    s = 2.0 * atan2(sine, abs(q.w)) / (sine if q.w >= 0.0 else -sine)
+    return Vec3(s * q.x, s * q.y, s * q.z)
+
+
 def exp(twist: Twist, dt_s: float) -> Pose:
     """The exact motion in the body frame under a constant twist held for `dt_s` (exponential of SE(3)).
 

@@ -80,15 +80,14 @@ class Tracker:
             return position_ned_m
         if ekf is None:
             return "the autopilot has not said where its local origin is (GPS_GLOBAL_ORIGIN)"
-        radius_m = self._profile.earth_radius_m
         at = (ekf.latitude * 1e-7, ekf.longitude * 1e-7, ekf.altitude * 1e-3)
         if self._origin == "home":
             if home is None:
                 return "the autopilot has not said where home is (HOME_POSITION)"
-            return ned_from_geodetic(
-                (home.latitude * 1e-7, home.longitude * 1e-7, home.altitude * 1e-3), at, radius_m
+            return self._profile.project(
+                (home.latitude * 1e-7, home.longitude * 1e-7, home.altitude * 1e-3), at
             )
-        return ned_from_geodetic(self._origin, at, radius_m)
+        return self._profile.project(self._origin, at)
 
     def start_error_m(self, position_ned_m: Vec3, origin_ned_m: Vec3) -> float:
         """|x - r(0)|, in the plane for a planar vehicle."""
@@ -124,21 +123,3 @@ def is_usable(solution: Solution) -> bool:
     e = solution.evaluation
     sent = (*solution.outgoing.body_rates_frd_rad_s, solution.outgoing.thrust)
     return all(map(math.isfinite, (*sent, *e.e, *e.demanded, e.V1, e.V2)))
-
-
-def ned_from_geodetic(
-    point: tuple[float, float, float], origin: tuple[float, float, float], radius_m: float
-) -> Vec3:
-    """Azimuthal equidistant projection about `origin`; both are (deg, deg, m AMSL), the result NED in m.
-
-    Autopilots project onto a sphere, and not the same one, so the radius is the profile's (PX4
-    `geo.cpp`, MapProjection).
-    """
-    lat, lon = math.radians(point[0]), math.radians(point[1])
-    lat0, lon0 = math.radians(origin[0]), math.radians(origin[1])
-    along = math.sin(lat0) * math.sin(lat) + math.cos(lat0) * math.cos(lat) * math.cos(lon - lon0)
-    angle = math.acos(min(max(along, -1.0), 1.0))
-    stretch = angle / math.sin(angle) if 1e-9 < angle < math.pi - 1e-9 else 1.0
-    north = math.cos(lat0) * math.sin(lat) - math.sin(lat0) * math.cos(lat) * math.cos(lon - lon0)
-    east = math.cos(lat) * math.sin(lon - lon0)
-    return Vec3(stretch * north * radius_m, stretch * east * radius_m, origin[2] - point[2])

@@ -18,6 +18,7 @@ import pytest
 
 from guidance.core import Guide
 from guidance.estimate import Estimate, Estimator
+from guidance.geodesy import azimuthal_equidistant
 from guidance.mavlink.clock import ClockFilter
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.messages import (
@@ -71,7 +72,7 @@ class Seen:
 def play(name: str, *, noise: bytes = b"") -> Seen:
     """An excerpt through link and estimator, as `core.Guide` joins them; `noise` comes before each packet."""
     link = AutopilotLink(1, 1, 3.0, [Stream(m, 50.0) for m in ("ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")])
-    estimator = Estimator()
+    estimator = Estimator(azimuthal_equidistant)
     seen = Seen(link)
     start_ns, last_ns = 0, 0
     for now_ns, packet in recorded(name):

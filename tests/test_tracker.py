@@ -6,11 +6,12 @@ import math
 
 import pytest
 
+from guidance.geodesy import azimuthal_equidistant
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import PROFILES
 from guidance.records import Reference
 from guidance.se3 import Vec3
-from guidance.tracker import Tracker, is_usable, ned_from_geodetic
+from guidance.tracker import Tracker, is_usable
 from guidance.trajectory import sample
 from tests.helpers import ROVER, fly_until_tracking, make_config, make_flight
 
@@ -54,7 +55,7 @@ def test_one_degree_is_as_long_as_on_this_autopilots_sphere(
 
 def test_distances_far_from_the_equator_and_over_the_date_line_are_right() -> None:
     point = (-47.001, -179.9995, 0.0)
-    x, y, z = ned_from_geodetic(point, (-47.0, 179.9995, 100.0), 6371000.0)
+    x, y, z = azimuthal_equidistant(point, (-47.0, 179.9995, 100.0))
     assert x == pytest.approx(-math.radians(0.001) * 6371000.0, rel=1e-4)
     assert y == pytest.approx(math.radians(0.001) * 6371000.0 * math.cos(math.radians(47.001)), rel=1e-4)
     assert z == 100.0
@@ -62,7 +63,7 @@ def test_distances_far_from_the_equator_and_over_the_date_line_are_right() -> No
 
 def test_the_origin_itself_is_at_zero() -> None:
     at = (47.3977418, 8.5455939, 488.0)
-    assert ned_from_geodetic(at, at, 6371000.0) == Vec3(0.0, 0.0, 0.0)
+    assert azimuthal_equidistant(at, at) == Vec3(0.0, 0.0, 0.0)
 
 
 def test_the_start_error_counts_depth_only_for_a_vehicle_that_can_dive() -> None:

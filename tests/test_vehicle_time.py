@@ -19,6 +19,7 @@ from sitl.plant import PlantState, attitude_from_euler
 from sitl.vehicle import Firmware, Origin, Vehicle, VehicleOptions
 from sitl.vehicle import telemetry as common
 from sitl.vehicle.clock import BootClock
+from sitl.vehicle.projection import azimuthal_equidistant
 from sitl.vehicle.px4 import Px4
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.schedule import Streams
@@ -186,7 +187,7 @@ def test_a_stopped_stream_is_silent_and_the_schedule_can_be_empty() -> None:
 
 def test_quick_packing_gives_the_bytes_of_pymavlink() -> None:
     state = PlantState((1.5, -2.5, 3.0), attitude_from_euler(0.1, -0.2, 3.0), (0.1, -0.2, 0.0), 2.0)
-    sample = Sample(1_234_567_000_000, state, Origin(), None, 0.0, 0.0)
+    sample = Sample(1_234_567_000_000, state, Origin(), None, 0.0, 0.0, azimuthal_equidistant)
     pilot = Px4(VehicleOptions())
     quick = [pilot.builders()[common.ID[name]](sample) for name in QUICK]
     for sequence, (name, message) in enumerate(zip(QUICK, quick, strict=True)):

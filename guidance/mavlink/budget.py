@@ -13,7 +13,7 @@ from typing import Final
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.connection import BAUD_MAX, BAUD_RATES, BITS_PER_BYTE
-from guidance.mavlink.streams import Stream
+from guidance.mavlink.streams import Stream, state_hz
 
 #: Header, checksum and signature of a MAVLink 2 frame.
 OVERHEAD_BYTES: Final = 10 + 2 + 13
@@ -40,6 +40,16 @@ def needed_bytes_per_s(streams: Iterable[Stream], setpoints_hz: float) -> float:
     # What is asked for only if another does not come takes that one's place.
     wanted = sum(frame_bytes(s.message) * s.wanted_hz for s in streams if s.instead_of is None)
     return always + max(wanted, frame_bytes(_SETPOINT) * setpoints_hz)
+
+
+def affords_odometry(capacity_bytes_per_s: float | None, rate_hz: float) -> bool:
+    """Whether ODOMETRY for setpoints at `rate_hz` leaves half of the line free (None: of no known end).
+
+    It takes three times as much as ATTITUDE_QUATERNION and LOCAL_POSITION_NED together, which do as well.
+    """
+    return capacity_bytes_per_s is None or frame_bytes("ODOMETRY") * state_hz(rate_hz) <= 0.5 * (
+        capacity_bytes_per_s
+    )
 
 
 def too_slow(capacity_bytes_per_s: float, rate_hz: float, needed_at: Callable[[float], float]) -> str | None:

@@ -20,8 +20,6 @@ from guidance.mavlink.company import Company
 from guidance.mavlink.messages import (
     DECODERS,
     MESSAGE_IDS,
-    Attitude,
-    AttitudeQuaternion,
     AutopilotVersion,
     Body,
     CommandAck,
@@ -29,7 +27,7 @@ from guidance.mavlink.messages import (
     GpsGlobalOrigin,
     Heartbeat,
     HomePosition,
-    LocalPositionNed,
+    StateBody,
     Timesync,
 )
 from guidance.mavlink.profiles import command_long
@@ -54,9 +52,13 @@ _QUESTIONS_KEPT: Final = 32
 _INTENDED_OLD_NS: Final = 3_000_000_000
 #: A clock that TIMESYNC finds set back by more than this belongs to an autopilot that rebooted.
 _REBOOT_STEP_S: Final = 1.0
+#: `time_boot_ms` has 32 bits; what ODOMETRY says beyond is Unix time and no time since boot.
+_BOOT_MS_MAX: Final = 2**32
 
 #: The command was neither carried out nor refused for good.
 _NO_VERDICT: Final = (dialect.MAV_RESULT_TEMPORARILY_REJECTED, dialect.MAV_RESULT_IN_PROGRESS)
+#: There is no such message at any rate: what PX4 answers.
+_UNKNOWN: Final = (dialect.MAV_RESULT_FAILED, dialect.MAV_RESULT_UNSUPPORTED)
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 
 
@@ -186,7 +188,7 @@ class AutopilotLink:
 
         State carries its own time and TIMESYNC its question; only the mode needs the order of the frames.
         """
-        if isinstance(body, AttitudeQuaternion | LocalPositionNed | Attitude):
+        if isinstance(body, StateBody):
             return self._boot_time(body.time_boot_ms, now_ns)
         if isinstance(body, Heartbeat):
             if body.autopilot == dialect.MAV_AUTOPILOT_INVALID:
@@ -222,7 +224,8 @@ class AutopilotLink:
             self.counters["ack_for_another"] += 1
             return False
         if body.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and body.result not in _NO_VERDICT:
-            self.streams.acknowledged(accepted=body.result == dialect.MAV_RESULT_ACCEPTED)
+            accepted = body.result == dialect.MAV_RESULT_ACCEPTED
+            self.streams.acknowledged(accepted=accepted, known=body.result not in _UNKNOWN)
             self._next_stream_ns = now_ns
         return True
 
@@ -236,6 +239,9 @@ class AutopilotLink:
 
     def _boot_time(self, boot_ms: int, now_ns: int) -> bool:
         """Follow the autopilot's time since boot; False for a time that cannot be."""
+        if boot_ms >= _BOOT_MS_MAX:
+            self.counters["not_time_since_boot"] += 1
+            return False
         told = self._boot.take(boot_ms, self.clock, now_ns)
         if told is BootTime.REBOOT:
             self.clock.reset()

@@ -7,8 +7,9 @@ dialect, so that no number is written twice.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from itertools import accumulate
+from struct import Struct, calcsize
 from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -42,6 +43,11 @@ class Attitude(NamedTuple):
     pitchspeed: float
     yawspeed: float
 
+    @property
+    def since_boot_ns(self) -> int:
+        """`time_boot_ms` in ns."""
+        return self.time_boot_ms * 1_000_000
+
 
 class AttitudeQuaternion(NamedTuple):
     """ATTITUDE_QUATERNION (31): q1..q4 = w, x, y, z, body (FRD) to NED; body rates in rad/s."""
@@ -55,6 +61,11 @@ class AttitudeQuaternion(NamedTuple):
     pitchspeed: float
     yawspeed: float
 
+    @property
+    def since_boot_ns(self) -> int:
+        """`time_boot_ms` in ns."""
+        return self.time_boot_ms * 1_000_000
+
 
 class LocalPositionNed(NamedTuple):
     """LOCAL_POSITION_NED (32): m and m/s from the estimator's origin."""
@@ -66,6 +77,65 @@ class LocalPositionNed(NamedTuple):
     vx: float
     vy: float
     vz: float
+
+    @property
+    def since_boot_ns(self) -> int:
+        """`time_boot_ms` in ns."""
+        return self.time_boot_ms * 1_000_000
+
+
+class GlobalPositionInt(NamedTuple):
+    """GLOBAL_POSITION_INT (33): 1e-7 deg, altitude AMSL in mm, velocity in NED in cm/s."""
+
+    time_boot_ms: int
+    lat: int
+    lon: int
+    alt: int
+    vx: int
+    vy: int
+    vz: int
+
+    @property
+    def since_boot_ns(self) -> int:
+        """`time_boot_ms` in ns."""
+        return self.time_boot_ms * 1_000_000
+
+
+class Odometry(NamedTuple):
+    """ODOMETRY (331): pose in `frame_id`, twist in `child_frame_id`, both of one instant; m, m/s, rad/s.
+
+    q1..q4 = w, x, y, z, body (FRD) to `frame_id`. `reset_counter` changes with every reset of the estimator.
+    """
+
+    time_usec: int
+    x: float
+    y: float
+    z: float
+    q1: float
+    q2: float
+    q3: float
+    q4: float
+    vx: float
+    vy: float
+    vz: float
+    rollspeed: float
+    pitchspeed: float
+    yawspeed: float
+    frame_id: int
+    child_frame_id: int
+    reset_counter: int
+    estimator_type: int
+    quality: int
+
+    @property
+    def time_boot_ms(self) -> int:
+        """Time since boot in ms, if `time_usec` is that and not Unix time: the message allows both."""
+        return self.time_usec // 1000
+
+    @property
+    def since_boot_ns(self) -> int:
+        """The same in ns."""
+        return self.time_usec * 1000
 
 
 class GpsGlobalOrigin(NamedTuple):
@@ -121,12 +191,17 @@ class CurrentMode(NamedTuple):
     intended_custom_mode: int
 
 
+#: What says where the vehicle is, or how it lies, at a time since boot.
+StateBody = Attitude | AttitudeQuaternion | LocalPositionNed | GlobalPositionInt | Odometry
+
 Body = (
     Heartbeat
     | Timesync
     | Attitude
     | AttitudeQuaternion
     | LocalPositionNed
+    | GlobalPositionInt
+    | Odometry
     | GpsGlobalOrigin
     | HomePosition
     | CommandAck
@@ -142,6 +217,8 @@ _READ: Final[dict[str, type[Body]]] = {
     "ATTITUDE": Attitude,
     "ATTITUDE_QUATERNION": AttitudeQuaternion,
     "LOCAL_POSITION_NED": LocalPositionNed,
+    "GLOBAL_POSITION_INT": GlobalPositionInt,
+    "ODOMETRY": Odometry,
     "GPS_GLOBAL_ORIGIN": GpsGlobalOrigin,
     "HOME_POSITION": HomePosition,
     "COMMAND_ACK": CommandAck,
@@ -159,23 +236,37 @@ MESSAGE_IDS: Final[dict[str, int]] = {
 }
 
 
-def _decoder(message: Any, make: Callable[..., Body], fields: tuple[str, ...]) -> Callable[[bytes], Body]:
-    """A function from a payload, trailing zeros possibly cut off (MAVLink 2), to the typed message."""
-    starts = [0, *accumulate(message.lengths)]  # an array takes several places in what `struct` returns
-    positions = [starts[message.ordered_fieldnames.index(name)] for name in fields]
-    unpack = message.unpacker.unpack
-    size = message.unpacker.size
+def _decoder(message: Any, make: type[Body]) -> Callable[[bytes], Body]:
+    """A function from a payload, trailing zeros possibly cut off (MAVLink 2), to the typed message.
+
+    Only the fields of `make` are unpacked; an array `q` of four is its fields `q1` to `q4`.
+    """
+    layout = "<"
+    found: list[str] = []
+    places = re.findall(r"(\d*)([a-zA-Z])", message.unpacker.format)
+    for name, (count, code) in zip(message.ordered_fieldnames, places, strict=True):
+        array = bool(count) and code != "s"
+        names = [f"{name}{n}" for n in range(1, int(count) + 1)] if array else [name]
+        wanted = set(names) <= set(make._fields)
+        layout += f"{count}{code}" if wanted else f"{calcsize('<' + count + code)}x"
+        found += names if wanted else []
+    size = calcsize(layout)
+    unpack = Struct(layout).unpack_from
+    build = make._make
+    if tuple(found) == make._fields:
+        return lambda payload: build(unpack(payload if len(payload) >= size else payload.ljust(size, b"\0")))
+    positions = [found.index(name) for name in make._fields]
 
     def decode(payload: bytes) -> Body:
-        values = unpack(payload[:size].ljust(size, b"\0"))
-        return make(*[values[i] for i in positions])
+        values = unpack(payload.ljust(size, b"\0"))
+        return build([values[i] for i in positions])
 
     return decode
 
 
 #: Message id -> decoder of its payload.
 DECODERS: Final[dict[int, Callable[[bytes], Body]]] = {
-    message_id: _decoder(dialect.mavlink_map[message_id], _READ[name], _READ[name]._fields)
+    message_id: _decoder(dialect.mavlink_map[message_id], _READ[name])
     for name, message_id in MESSAGE_IDS.items()
 }
 

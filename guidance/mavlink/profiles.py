@@ -14,6 +14,8 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
+
 _IGNORE_ROLL_RATE: Final = 1
 _IGNORE_PITCH_RATE: Final = 2
 _IGNORE_ATTITUDE: Final = 128
@@ -46,7 +48,8 @@ class Profile(NamedTuple):
     meaning. `planar` takes the law on SE(2). `needs_stream` says that the control mode is refused unless
     setpoints already arrive, and that a resumed stream takes control back. After `stream_timeout_s` without
     a setpoint the autopilot acts by itself (`on_timeout`). The neutral setpoint is zero rates and
-    `thrust_neutral`: it asks the vehicle to stay as it is.
+    `thrust_neutral`: it asks the vehicle to stay as it is. `odometry` says that ODOMETRY can be asked
+    for. `project` is how it makes a local position of latitude and longitude.
     """
 
     name: str
@@ -64,7 +67,8 @@ class Profile(NamedTuple):
     stream_timeout_s: float
     on_timeout: str
     mode_hz: float
-    earth_radius_m: float
+    odometry: bool
+    project: Projection
 
     def mode(self, name: str) -> Mode | None:
         """The mode of that name, None if this firmware has none."""
@@ -110,7 +114,8 @@ PROFILES: Final[dict[str, Profile]] = {
             stream_timeout_s=1.0,  # COM_OF_LOSS_T
             on_timeout="COM_OBL_RC_ACT (default: position mode); the intended mode stays offboard",
             mode_hz=10.0,  # HEARTBEAT shows a mode change up to 1 s late, and only CURRENT_MODE the intended
-            earth_radius_m=6371000.0,  # CONSTANTS_RADIUS_OF_EARTH
+            odometry=True,
+            project=azimuthal_equidistant,
         ),
         Profile(
             name="ardupilot-rover",
@@ -143,7 +148,8 @@ PROFILES: Final[dict[str, Profile]] = {
             stream_timeout_s=3.0,
             on_timeout="stops and stays in guided",
             mode_hz=0.0,  # HEARTBEAT comes at once with a mode change
-            earth_radius_m=6378100.0,  # RADIUS_OF_EARTH
+            odometry=False,  # not in its table of messages (`GCS_Common.cpp`): every rate is refused
+            project=equirectangular,
         ),
     )
 }

@@ -56,6 +56,7 @@ class Stream:
         self._arrivals_ns: deque[int] = deque()
         self._last_ns: int | None = None
         self._last_valid = False
+        self._usable_ns: int | None = None
 
     def reset(self) -> None:
         """The autopilot rebooted or is a new one: its rates are back at its defaults."""
@@ -65,13 +66,16 @@ class Stream:
         self._arrivals_ns.clear()
         self._last_ns = None
         self._last_valid = False
+        self._usable_ns = None
 
     def arrived(self, now_ns: int, *, valid: bool) -> None:
         """A message came; `valid` says whether its content could be used."""
         self._arrivals_ns.append(now_ns)
         self._last_ns = now_ns
         self._last_valid = valid
-        if not valid:
+        if valid:
+            self._usable_ns = now_ns
+        else:
             self.rejected += 1
         self._forget(now_ns)
 
@@ -80,9 +84,10 @@ class Stream:
         return self._last_ns is not None and now_ns - self._last_ns <= self._alive_ns
 
     def absent(self, now_ns: int) -> bool:
-        """Whether it was asked for and did not come."""
+        """Whether it was asked for and nothing usable came."""
         waited = self._asked_ns is not None and now_ns - self._asked_ns >= _PATIENCE_NS
-        return not self.alive(now_ns) and (waited or self._refused)
+        usable = self._usable_ns is not None and now_ns - self._usable_ns <= self._alive_ns
+        return not usable and (waited or self._refused)
 
     def rate_hz(self, now_ns: int) -> float:
         """Messages a second over the last second (or since the first one)."""
@@ -115,9 +120,12 @@ class Stream:
             rejected=self.rejected,
         )
 
-    def denied(self) -> None:
-        """The autopilot refused the rate: ask for a lower one next, and not at all below the slowest."""
-        if self._asked_hz <= SLOWEST_HZ:
+    def denied(self, *, known: bool = True) -> None:
+        """The autopilot refused the rate: ask for a lower one next, and not at all below the slowest.
+
+        Not at all either if it does not even know the message.
+        """
+        if self._asked_hz <= SLOWEST_HZ or not known:
             self._refused = True
         self._asked_hz = max(self._asked_hz * LOWERED, SLOWEST_HZ)
         self._asked_ns = None
@@ -173,14 +181,19 @@ class Streams:
         return self._asking.message, self._asking.ask(now_ns)
 
     def _wanted(self, stream: Stream, now_ns: int) -> bool:
-        if stream.instead_of is not None and not self._by_message[stream.instead_of].absent(now_ns):
-            return False
-        return stream.due(now_ns)
+        return self._needed(stream, now_ns) and stream.due(now_ns)
 
-    def acknowledged(self, *, accepted: bool) -> None:
-        """COMMAND_ACK of SET_MESSAGE_INTERVAL came."""
+    def _needed(self, stream: Stream, now_ns: int) -> bool:
+        """Whether nothing better comes."""
+        if stream.instead_of is None:
+            return True
+        better = self._by_message[stream.instead_of]
+        return better.absent(now_ns) and self._needed(better, now_ns)
+
+    def acknowledged(self, *, accepted: bool, known: bool = True) -> None:
+        """COMMAND_ACK of SET_MESSAGE_INTERVAL came; `known` is false if there is no such message."""
         if self._asking is not None and not accepted:
-            self._asking.denied()
+            self._asking.denied(known=known)
         self._asking = None
 
     def status(self, now_ns: int) -> tuple[StreamStatus, ...]:
@@ -188,16 +201,33 @@ class Streams:
         return tuple(stream.status(now_ns) for stream in self._by_message.values())
 
 
+def state_hz(rate_hz: float) -> float:
+    """The rate of attitude and position for setpoints at `rate_hz`."""
+    return rate_hz * math.ceil(STATE_HZ_MIN / rate_hz)
+
+
 def wanted_streams(
-    rate_hz: float, attitude_timeout_s: float, position_timeout_s: float, mode_hz: float
+    rate_hz: float, attitude_timeout_s: float, position_timeout_s: float, mode_hz: float, *, odometry: bool
 ) -> list[Stream]:
-    """What setpoints at `rate_hz` need; CURRENT_MODE only where `mode_hz` is not 0."""
-    state_hz = rate_hz * math.ceil(STATE_HZ_MIN / rate_hz)
+    """What setpoints at `rate_hz` need: a lesser message is asked for only where the better is absent.
+
+    ODOMETRY only where it can be asked for, CURRENT_MODE only where `mode_hz` is not 0. An ODOMETRY takes
+    245 bytes on the wire, ATTITUDE_QUATERNION and LOCAL_POSITION_NED together 84.
+    """
+    hz = state_hz(rate_hz)
+
+    def state(message: str, alive_s: float, instead_of: str | None) -> Stream:
+        return Stream(message, hz, alive_s=alive_s, instead_of=instead_of)
+
+    best = "ODOMETRY" if odometry else None
     streams = [
-        Stream("ATTITUDE_QUATERNION", state_hz, alive_s=attitude_timeout_s),
-        Stream("LOCAL_POSITION_NED", state_hz, alive_s=position_timeout_s),
-        Stream("ATTITUDE", state_hz, alive_s=attitude_timeout_s, instead_of="ATTITUDE_QUATERNION"),
+        state("ATTITUDE_QUATERNION", attitude_timeout_s, best),
+        state("LOCAL_POSITION_NED", position_timeout_s, best),
+        state("ATTITUDE", attitude_timeout_s, "ATTITUDE_QUATERNION"),
+        state("GLOBAL_POSITION_INT", position_timeout_s, "LOCAL_POSITION_NED"),
     ]
+    if best is not None:
+        streams.insert(0, state(best, min(attitude_timeout_s, position_timeout_s), None))
     if mode_hz:
         streams.append(Stream("CURRENT_MODE", mode_hz, alive_s=3.0, insist=False))
     return streams

@@ -70,7 +70,9 @@ class Autopilot(ABC):
         self.now_ns = self._started_ns = 0
         self.sample: Sample | None = None
         self._held: list[Any] | None = None
-        self._builders = self.builders()
+        self._builders = {i: build for i, build in self.builders().items() if i not in self._unknown()}
+        self.withheld: set[int] = set()  # known, accepted when asked for, and not sent
+        self.reset_counter = 0
         self.streams = Streams({}, 1, 0)
         self.restart(0)
 
@@ -135,7 +137,16 @@ class Autopilot(ABC):
         self.reboot_requested = False
         self.link.restart()
         self.start()
-        self.streams = Streams(self.stream_defaults_us(), self.loop_ms, boot_ns // 1_000_000)
+        self.reset_counter = 0
+        known = {i: us for i, us in self.stream_defaults_us().items() if i in self._builders}
+        self.streams = Streams(known, self.loop_ms, boot_ns // 1_000_000)
+
+    def _unknown(self) -> set[int]:
+        """The ids of the messages that this build of the firmware was told not to have."""
+        for name in self.options.without_messages:
+            if name not in ID:
+                raise ValueError(f"without_messages: there is no message {name}")
+        return {ID[name] for name in self.options.without_messages}
 
     @property
     def estimator_ready(self) -> bool:
@@ -150,7 +161,8 @@ class Autopilot(ABC):
         """Send what is due in this loop."""
         self.sample = sample
         for message_id in message_ids:
-            message = self._builders[message_id](sample)
+            builder = None if message_id in self.withheld else self._builders.get(message_id)
+            message = None if builder is None else builder(sample)
             if message is not None:
                 self.link.send(message)
         self.link.end_of_loop()

@@ -45,7 +45,8 @@ class VehicleOptions:
 
     `clock_drift_ppm` makes the vehicle's clock fast (positive) or slow against `now_ns`; the plant moves in
     the time of `now_ns`. `clock_offset_ns` is what the boot clock shows when it starts. Until
-    `estimator_ready_s` after boot there is no position and arming is refused.
+    `estimator_ready_s` after boot there is no position and arming is refused. `without_messages` names
+    messages that this build of the firmware does not know.
 
     Raises:
         ValueError: a number is not finite or out of range, or the initial mode or a parameter is unknown
@@ -70,6 +71,7 @@ class VehicleOptions:
     position_noise_m: float = 0.0
     attitude_noise_rad: float = 0.0
     seed: int = 0
+    without_messages: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("system_id", "component_id"):

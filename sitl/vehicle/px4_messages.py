@@ -136,7 +136,7 @@ class _Px4Messages:
         """ODOMETRY with pose and velocity in local NED, as recorded (`child_frame_id` 1)."""
         return _ODOMETRY(
             s.boot_us, *s.position_ned_m, *s.attitude_wxyz, *s.velocity_ned_m_s, *s.body_rates_frd_rad_s,
-            *_COVARIANCES, _LOCAL_NED, _LOCAL_NED, 0, _AUTOPILOT_ESTIMATOR, 0,
+            *_COVARIANCES, _LOCAL_NED, _LOCAL_NED, self._pilot.reset_counter & 0xFF, _AUTOPILOT_ESTIMATOR, 0,
         )  # fmt: skip
 
     def highres_imu(self, s: Sample) -> Any:

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Final
+from typing import Final, NamedTuple
 
 from sitl.plant import PlantState, Triple, Wxyz, euler_from_attitude, rotation
 from sitl.vehicle.options import Origin
+from sitl.vehicle.projection import Projection
 
-#: Mean radius that PX4 uses for its local projection.
-EARTH_RADIUS_M: Final = 6_371_000.0
 GRAVITY_M_S2: Final = 9.80665
 #: A magnetic field in NED (gauss) as the recorded simulator has it.
 FIELD_NED_GAUSS: Final = (0.2158, 0.0126, 0.4284)
+
+
+class Astray(NamedTuple):
+    """How far the estimator is off the truth: its position is moved, its heading turned to the right."""
+
+    moved_ned_m: Triple = (0.0, 0.0, 0.0)
+    turned_rad: float = 0.0
+
+
+#: An estimator that is right.
+RIGHT: Final = Astray()
 
 
 class Sample:
@@ -27,6 +37,7 @@ class Sample:
         "euler_rad",
         "origin",
         "position_ned_m",
+        "project",
         "rows",
         "speed_m_s",
         "velocity_ned_m_s",
@@ -40,11 +51,16 @@ class Sample:
         dice: random.Random | None,
         position_noise_m: float,
         attitude_noise_rad: float,
+        project: Projection,
+        astray: Astray = RIGHT,
     ) -> None:
         self.boot_us = boot_ns // 1000
         self.boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
         self.origin = origin
+        self.project = project
         position, attitude, rates, speed = state
+        if astray is not RIGHT:
+            position, attitude = _astray(position, attitude, astray)
         if dice is not None:
             position, attitude = _noisy(position, attitude, dice, position_noise_m, attitude_noise_rad)
         self.position_ned_m = position
@@ -72,22 +88,19 @@ class Sample:
 
     def geodetic(self) -> tuple[int, int, float]:
         """Latitude and longitude in 1e-7 degrees, altitude in metres above mean sea level."""
-        return geodetic(self.origin, self.position_ned_m)
+        return self.project(self.origin, self.position_ned_m)
 
     def heading_cdeg(self) -> int:
         """Heading of the nose in 0.01 degrees, 0 to 35999."""
         return round(math.degrees(self.euler_rad[2]) * 100.0) % 36000
 
 
-def geodetic(origin: Origin, position_ned_m: Triple) -> tuple[int, int, float]:
-    """A local position as latitude and longitude in 1e-7 degrees and altitude in metres."""
-    north, east, down = position_ned_m
-    latitude = origin.latitude_deg + math.degrees(north / EARTH_RADIUS_M)
-    circle = EARTH_RADIUS_M * math.cos(math.radians(origin.latitude_deg))
-    longitude = origin.longitude_deg + math.degrees(east / circle)
-    longitude = (longitude + 180.0) % 360.0 - 180.0
-    latitude = max(-90.0, min(90.0, latitude))
-    return round(latitude * 1e7), round(longitude * 1e7), origin.altitude_m - down
+def _astray(position: Triple, attitude: Wxyz, astray: Astray) -> tuple[Triple, Wxyz]:
+    """The heading is wrong, not the place: only the attitude (and with it the velocity) is turned."""
+    c, s = math.cos(0.5 * astray.turned_rad), math.sin(0.5 * astray.turned_rad)
+    w, x, y, z = attitude
+    north, east, down = (at + by for at, by in zip(position, astray.moved_ned_m, strict=True))
+    return (north, east, down), (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
 
 
 def _noisy(

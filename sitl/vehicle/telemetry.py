@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from sitl.plant import Triple
 from sitl.vehicle.frame import FrameType
 from sitl.vehicle.options import Origin
-from sitl.vehicle.sample import FIELD_NED_GAUSS, Sample, geodetic
+from sitl.vehicle.sample import FIELD_NED_GAUSS, Sample
 
 if TYPE_CHECKING:
     from sitl.vehicle.autopilot import Autopilot
@@ -130,7 +130,7 @@ def battery_status(voltage_mv: int, remaining_percent: int) -> Builder:
 
 def home_position(s: Sample, origin: Origin, home_ned_m: Triple, q: tuple[float, float, float, float]) -> Any:
     """HOME_POSITION: geodetic and local; PX4 fills `q`, ArduPilot sends NaN there."""
-    latitude, longitude, altitude_m = geodetic(origin, home_ned_m)
+    latitude, longitude, altitude_m = s.project(origin, home_ned_m)
     return mavlink.MAVLink_home_position_message(
         latitude, longitude, _int32(altitude_m * 1000.0), *home_ned_m, list(q), 0.0, 0.0, 0.0, s.boot_us
     )
@@ -138,7 +138,7 @@ def home_position(s: Sample, origin: Origin, home_ned_m: Triple, q: tuple[float,
 
 def gps_global_origin(s: Sample, origin: Origin) -> Any:
     """GPS_GLOBAL_ORIGIN: where LOCAL_POSITION_NED is zero."""
-    latitude, longitude, altitude_m = geodetic(origin, (0.0, 0.0, 0.0))
+    latitude, longitude, altitude_m = s.project(origin, (0.0, 0.0, 0.0))
     return mavlink.MAVLink_gps_global_origin_message(
         latitude, longitude, _int32(altitude_m * 1000.0), s.boot_us
     )

@@ -16,17 +16,23 @@ from __future__ import annotations
 import random
 from collections.abc import Hashable
 
-from sitl.plant import PlantState, step
+from sitl.plant import PlantState, Triple, step
 from sitl.vehicle.ardupilot import ArduRover
 from sitl.vehicle.autopilot import Autopilot
 from sitl.vehicle.clock import BootClock
 from sitl.vehicle.options import Firmware, Truth, VehicleOptions
+from sitl.vehicle.projection import Projection, azimuthal_equidistant, equirectangular
 from sitl.vehicle.px4 import Px4
-from sitl.vehicle.sample import Sample
+from sitl.vehicle.sample import RIGHT, Astray, Sample
+from sitl.vehicle.telemetry import ID
 
 _PILOTS: dict[Firmware, type[Autopilot]] = {
     Firmware.PX4_UUV: Px4,
     Firmware.ARDUPILOT_ROVER: ArduRover,
+}
+_PROJECTIONS: dict[Firmware, Projection] = {
+    Firmware.PX4_UUV: azimuthal_equidistant,
+    Firmware.ARDUPILOT_ROVER: equirectangular,
 }
 _MS = 1_000_000
 
@@ -47,6 +53,7 @@ class Vehicle:
         self._plant_parameters = options.plant._replace(planar=rover or options.plant.planar)
         self._pilot = _PILOTS[options.firmware](options)
         noisy = options.position_noise_m > 0.0 or options.attitude_noise_rad > 0.0
+        self._astray = RIGHT
         self._dice = random.Random(options.seed) if noisy else None
         self._state = PlantState(options.start_position_ned_m(), options.start_attitude_wxyz())
         self._state_ns = boot_ns
@@ -100,6 +107,21 @@ class Vehicle:
         self._integrate(now_ns)
         self._boot(now_ns, 0)
         self._command = self._pilot.command(self._state)
+
+    def withhold(self, *names: str) -> None:
+        """Send these messages no more, and all others again; asking for them is still accepted."""
+        self._pilot.withheld = {ID[name] for name in names}
+
+    def reset_estimator(
+        self, now_ns: int, moved_ned_m: Triple = (0.0, 0.0, 0.0), turned_rad: float = 0.0
+    ) -> None:
+        """Let the estimator jump off the truth by so much from `now_ns` on, and count it in ODOMETRY.
+
+        The firmware's closed loops go on seeing the truth.
+        """
+        self._run_to(max(now_ns, self._state_ns))
+        self._astray = Astray(moved_ned_m, turned_rad)
+        self._pilot.reset_counter += 1
 
     # --- looking at it ----------------------------------------------------------------------------------
 
@@ -192,4 +214,6 @@ class Vehicle:
             self._dice,
             options.position_noise_m,
             options.attitude_noise_rad,
+            _PROJECTIONS[options.firmware],
+            self._astray,
         )

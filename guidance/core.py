@@ -42,7 +42,7 @@ from guidance.mavlink.streams import Stream, wanted_streams
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
-from guidance.reporting import Cadence, news_event, setpoint_records, state_record, status_record
+from guidance.reporting import Cadence, News, setpoint_records, state_record, status_record
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
 from guidance.timing import LoopTiming
 from guidance.tracker import Solution, Tracker, is_usable
@@ -81,6 +81,7 @@ class Guide:
         self.dropped_packets = 0  # nor on this
         self._line = LineWatch(self.connection, config.link.rate_hz, self._streams_at)
         self._estimator = Estimator(self.profile.project)
+        self._news = News()
         self._cadence = Cadence()
         self._records: list[Record] = []
         self._packets: list[bytes] = []
@@ -221,7 +222,7 @@ class Guide:
 
     def _tell_news(self, now_ns: int) -> None:
         """The estimator was reset, or another source is used."""
-        self._records += [news_event(happened, now_ns) for happened in self._estimator.news]
+        self._records += filter(None, (self._news.told(one, now_ns) for one in self._estimator.news))
         self._estimator.news.clear()
 
     # Ticking -----------------------------------------------------------------------------------------

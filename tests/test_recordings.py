@@ -17,16 +17,16 @@ import numpy as np
 import pytest
 
 from guidance.core import Guide
-from guidance.estimate import Estimate, Estimator
-from guidance.geodesy import azimuthal_equidistant
+from guidance.estimate import Estimate, Estimator, Reset
+from guidance.geodesy import azimuthal_equidistant, equirectangular
 from guidance.mavlink.clock import ClockFilter
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.messages import (
     DECODERS,
     MESSAGE_IDS,
-    Attitude,
     AttitudeQuaternion,
     LocalPositionNed,
+    StateBody,
     Timesync,
 )
 from guidance.mavlink.report import link_record
@@ -42,6 +42,9 @@ FLIGHTS = (*ARDUPILOT, *PX4)
 SECOND = 1_000_000_000
 #: As they came over the telemetry link when ArduRover started.
 BANNER = b"\n\nInit ArduRover V4.7.0-dev (2598e9d4)\n\nFree RAM: 131072\n0 0 0 "
+
+#: Why samples are refused while an autopilot starts: GLOBAL_POSITION_INT of ArduPilot is zeros at first.
+NOT_READY = {"before_time_sync", "no_position", "no_origin"}
 
 
 def asked(packet: bytes) -> int | None:
@@ -67,12 +70,14 @@ class Seen:
     reboots_at_s: list[float] = field(default_factory=list)
     attitude_gap_s: float = 0.0
     seconds: float = 0.0
+    resets: list[Reset] = field(default_factory=list)
+    sources: Counter[str] = field(default_factory=Counter)
 
 
 def play(name: str, *, noise: bytes = b"") -> Seen:
     """An excerpt through link and estimator, as `core.Guide` joins them; `noise` comes before each packet."""
     link = AutopilotLink(1, 1, 3.0, [Stream(m, 50.0) for m in ("ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")])
-    estimator = Estimator(azimuthal_equidistant)
+    estimator = Estimator(azimuthal_equidistant if name.startswith(PX4) else equirectangular)
     seen = Seen(link)
     start_ns, last_ns = 0, 0
     for now_ns, packet in recorded(name):
@@ -90,7 +95,7 @@ def play(name: str, *, noise: bytes = b"") -> Seen:
                 reboots = link.reboots
                 estimator.reset()
                 seen.reboots_at_s.append((now_ns - start_ns) * 1e-9)
-            if isinstance(body, AttitudeQuaternion | Attitude | LocalPositionNed):
+            if isinstance(body, StateBody):
                 if not link.clock.synced(now_ns):
                     seen.refused["before_time_sync"] += 1
                     continue
@@ -102,30 +107,28 @@ def play(name: str, *, noise: bytes = b"") -> Seen:
     return seen
 
 
-def _sample(
-    seen: Seen, estimator: Estimator, body: AttitudeQuaternion | Attitude | LocalPositionNed, now_ns: int
-) -> None:
-    instant_ns = seen.link.clock.to_local_ns(body.time_boot_ms * 1_000_000)
+def _sample(seen: Seen, estimator: Estimator, body: StateBody, now_ns: int) -> None:
+    instant_ns = seen.link.clock.to_local_ns(body.since_boot_ns)
     predicted = estimator.at(instant_ns)
-    if isinstance(body, AttitudeQuaternion):
-        refused = estimator.take_quaternion(body, instant_ns, now_ns)
-        if predicted is not None and refused is None:
+    refused = estimator.take(body, instant_ns, now_ns, seen.link.origin)
+    seen.resets += [happened for happened in estimator.news if isinstance(happened, Reset)]
+    estimator.news.clear()
+    if refused is not None:
+        if refused != "not_needed":
+            seen.refused[refused] += 1
+    elif isinstance(body, AttitudeQuaternion):
+        if predicted is not None:
             dot = abs(sum(a * b for a, b in zip(predicted.pose.attitude, body[1:5], strict=True)))
             seen.attitude_misses_rad.append(2.0 * math.acos(min(dot, 1.0)))
             seen.ages_s.append((now_ns - instant_ns) * 1e-9)
-    elif isinstance(body, Attitude):
-        refused = estimator.take_euler(body, instant_ns, now_ns)
-    else:
-        refused = estimator.take_position(body, instant_ns, now_ns)
-        if predicted is not None and refused is None:
-            seen.position_misses_m.append(math.dist(predicted.pose.position, (body.x, body.y, body.z)))
-    if refused not in (None, "not_needed"):
-        seen.refused[refused or ""] += 1
+    elif isinstance(body, LocalPositionNed) and predicted is not None:
+        seen.position_misses_m.append(math.dist(predicted.pose.position, (body.x, body.y, body.z)))
     estimate = estimator.at(now_ns)
     if estimate is not None:
         assert is_finite_pose(estimate.pose)
         assert math.hypot(*estimate.pose.attitude) == pytest.approx(1.0, abs=1e-9)
         seen.estimates.append(estimate)
+        seen.sources[f"{estimate.attitude.source} {estimate.position.source}"] += 1
 
 
 # One piece each ------------------------------------------------------------------------------------------
@@ -160,6 +163,13 @@ def test_in_steady_flight_each_sample_is_where_the_one_before_predicted_it(fligh
 
 
 @pytest.mark.parametrize("flight", FLIGHTS)
+def test_in_steady_flight_no_reset_is_found_and_no_source_is_left(flight: str) -> None:
+    seen = play(f"{flight}_steady")
+    assert seen.resets == []
+    assert set(seen.sources) == {"ATTITUDE_QUATERNION LOCAL_POSITION_NED"}
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
 def test_state_arrives_young(flight: str) -> None:
     ages_s = np.array(play(f"{flight}_steady").ages_s)
     # A simulated clock leaps to the end of its step and then waits (PX4: 4 ms), and a question that falls
@@ -179,8 +189,27 @@ def test_the_beginning_is_followed_before_the_estimator_is_ready(flight: str) ->
     assert link.heartbeat.autopilot == (12 if flight in PX4 else 3)
     assert seen.counts["COMMAND_ACK"] >= 15
     assert link.counters["ack_for_another"] == 0
-    assert set(seen.refused) <= {"before_time_sync"}
+    assert set(seen.refused) <= NOT_READY
     assert (len(seen.estimates) > 0) == (flight in PX4), "ArduPilot has no position in its first seconds"
+
+
+@pytest.mark.parametrize(
+    ("flight", "counted", "largest_m"), [("px4_airplane", 4, 1.35), ("px4_quadrotor", 5, 0.15)]
+)
+def test_the_resets_of_an_estimator_that_starts_are_those_that_it_counts(
+    flight: str, counted: int, largest_m: float
+) -> None:
+    seen = play(f"{flight}_begin")
+    assert [reset.cause for reset in seen.resets] == ["counter"] * counted
+    moves_m = [math.hypot(*reset.moved_ned_m) for reset in seen.resets]
+    assert max(moves_m) == pytest.approx(largest_m, abs=0.01)
+
+
+def test_the_yaw_that_jumps_to_the_compass_is_a_reset() -> None:
+    """From one sample to the next, without a counter: ArduPilot has no ODOMETRY."""
+    (reset,) = play("arduplane_begin").resets
+    assert (reset.cause, reset.source) == ("jump", "ATTITUDE_QUATERNION")
+    assert math.degrees(math.hypot(*reset.turned_ned_rad)) == pytest.approx(19.8, abs=0.1)
 
 
 @pytest.mark.parametrize("flight", FLIGHTS)
@@ -201,7 +230,7 @@ def test_the_reboot_is_found_once_and_the_state_comes_back(flight: str) -> None:
         assert len(after) > 50
     else:
         assert seen.counts["ATTITUDE_QUATERNION"] > 150, "no position within these seconds"
-    assert set(seen.refused) <= {"before_time_sync"}
+    assert set(seen.refused) <= NOT_READY
     assert link_record(link, 0).lost == 0
 
 

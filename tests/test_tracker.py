@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from guidance.geodesy import azimuthal_equidistant
+from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import PROFILES
 from guidance.records import Reference
@@ -53,17 +53,26 @@ def test_one_degree_is_as_long_as_on_this_autopilots_sphere(
     assert found == pytest.approx((0.0, degree_m, -15.0))
 
 
-def test_distances_far_from_the_equator_and_over_the_date_line_are_right() -> None:
+projections = pytest.mark.parametrize(
+    ("project", "radius_m"), [(azimuthal_equidistant, 6371000.0), (equirectangular, 6378100.0)]
+)
+
+
+@projections
+def test_distances_far_from_the_equator_and_over_the_date_line_are_right(
+    project: Projection, radius_m: float
+) -> None:
     point = (-47.001, -179.9995, 0.0)
-    x, y, z = azimuthal_equidistant(point, (-47.0, 179.9995, 100.0))
-    assert x == pytest.approx(-math.radians(0.001) * 6371000.0, rel=1e-4)
-    assert y == pytest.approx(math.radians(0.001) * 6371000.0 * math.cos(math.radians(47.001)), rel=1e-4)
+    x, y, z = project(point, (-47.0, 179.9995, 100.0))
+    assert x == pytest.approx(-math.radians(0.001) * radius_m, rel=1e-4)
+    assert y == pytest.approx(math.radians(0.001) * radius_m * math.cos(math.radians(47.001)), rel=1e-4)
     assert z == 100.0
 
 
-def test_the_origin_itself_is_at_zero() -> None:
+@projections
+def test_the_origin_itself_is_at_zero(project: Projection, radius_m: float) -> None:
     at = (47.3977418, 8.5455939, 488.0)
-    assert azimuthal_equidistant(at, at) == Vec3(0.0, 0.0, 0.0)
+    assert project(at, at) == Vec3(0.0, 0.0, 0.0)
 
 
 def test_the_start_error_counts_depth_only_for_a_vehicle_that_can_dive() -> None:

@@ -33,6 +33,7 @@ from guidance.estimate.samples import (
     from_local,
     from_odometry,
     from_quaternion,
+    within_step,
 )
 from guidance.estimate.sources import ATTITUDES, POSITIONS, Choice, Source, Switch
 from guidance.geodesy import Projection
@@ -145,6 +146,8 @@ class Estimator:
             source = positions.sources["GLOBAL_POSITION_INT"]
             if positions.needs(source, instant_ns):
                 sample = from_global(message, instant_ns, origin, self._project)
+                if positions.newest is not None and not isinstance(sample, str):
+                    sample = within_step(positions.newest, sample)
                 return self._take_position(source, sample, now_ns)
         return "not_needed"
 
@@ -171,6 +174,7 @@ class Estimator:
     def _take_attitude(self, source: Source, sample: AttitudeSample | str, now_ns: int) -> str | None:
         refused = sample if isinstance(sample, str) else source.refuse_time(sample, now_ns)
         if isinstance(sample, str) or refused is not None:
+            source.fail()
             return refused
         if not self._attitudes.takes(source, sample):
             return "not_needed"
@@ -180,6 +184,7 @@ class Estimator:
     def _take_position(self, source: Source, sample: PositionSample | str, now_ns: int) -> str | None:
         refused = sample if isinstance(sample, str) else source.refuse_time(sample, now_ns)
         if isinstance(sample, str) or refused is not None:
+            source.fail()
             return refused
         if not self._positions.takes(source, sample):
             return "not_needed"

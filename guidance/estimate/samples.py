@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.geodesy import Projection
+from guidance.geodesy import ARDUPILOT_RADIUS_M, Projection
 from guidance.mavlink.messages import (
     Attitude,
     AttitudeQuaternion,
@@ -30,6 +30,9 @@ POSITION_MAX_M: Final = 1e7
 ANGLE_MAX_RAD: Final = 2.0 * math.pi  # and so whatever half turn the autopilot counts from
 LATITUDE_MAX: Final = 900_000_000
 LONGITUDE_MAX: Final = 1_800_000_000
+
+#: 1e-7 deg of latitude; of longitude it is less. Both firmwares cut off what is less than a step.
+_STEP_M: Final = 1e-7 * math.radians(ARDUPILOT_RADIUS_M)
 
 _LOCAL_NED: Final = dialect.MAV_FRAME_LOCAL_NED
 _BODY_FRD: Final = dialect.MAV_FRAME_BODY_FRD
@@ -114,6 +117,23 @@ def from_global(
         return refused
     velocity = Vec3(message.vx * 0.01, message.vy * 0.01, message.vz * 0.01)
     return PositionSample(instant_ns, message.time_boot_ms, position, velocity, "GLOBAL_POSITION_INT")
+
+
+def within_step(before: PositionSample, sample: PositionSample) -> PositionSample:
+    """A GLOBAL_POSITION_INT that goes on from `before` as long as that is within a step of what it says.
+
+    Its position stands still and then leaps by 11 mm; what its velocity leads to is known better.
+    """
+    dt_s = (sample.boot_ms - before.boot_ms) * 1e-3
+    x, v, w = before.position_ned_m, before.velocity_ned_m_s, sample.velocity_ned_m_s
+    said = sample.position_ned_m
+    return sample._replace(
+        position_ned_m=Vec3(
+            min(max(x.x + 0.5 * dt_s * (v.x + w.x), said.x - _STEP_M), said.x + _STEP_M),
+            min(max(x.y + 0.5 * dt_s * (v.y + w.y), said.y - _STEP_M), said.y + _STEP_M),
+            said.z,
+        )
+    )
 
 
 def from_odometry(message: Odometry, instant_ns: int) -> tuple[AttitudeSample, PositionSample] | str:

@@ -20,6 +20,7 @@ SILENT_NS: Final = 100_000_000
 STEADY_NS: Final = 1_000_000_000
 #: A sample may lie this far in the future, for what the clock filter does not know.
 FUTURE_NS: Final = 50_000_000
+_NEVER_NS: Final = -(2**63)
 
 S = TypeVar("S", AttitudeSample, PositionSample)
 
@@ -39,7 +40,7 @@ class Switch(NamedTuple):
 class Source:
     """One message: when its newest sample was measured, and since when it comes without a gap."""
 
-    __slots__ = ("boot_ms", "instant_ns", "rank", "steady_ns")
+    __slots__ = ("boot_ms", "heard_ns", "instant_ns", "rank", "steady_ns")
 
     def __init__(self, rank: int) -> None:
         self.rank = rank
@@ -49,6 +50,7 @@ class Source:
         """The autopilot rebooted: nothing has come yet, and what comes first is not a return."""
         self.boot_ms = -1
         self.instant_ns = 0
+        self.heard_ns = _NEVER_NS
         self.steady_ns: int | None = None
 
     def refuse_time(self, sample: AttitudeSample | PositionSample, now_ns: int) -> str | None:
@@ -62,7 +64,11 @@ class Source:
         if self.boot_ms >= 0 and sample.instant_ns - self.instant_ns > SILENT_NS:
             self.steady_ns = sample.instant_ns
         self.boot_ms = sample.boot_ms
-        self.instant_ns = sample.instant_ns
+        self.instant_ns = self.heard_ns = sample.instant_ns
+
+    def fail(self) -> None:
+        """It came, but could not be used: nobody waits for it."""
+        self.heard_ns = _NEVER_NS
 
 
 class Choice(Generic[S]):
@@ -70,6 +76,7 @@ class Choice(Generic[S]):
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.sources = {name: Source(rank) for rank, name in enumerate(names)}
+        self._in_order = tuple(self.sources.values())
         self.newest: S | None = None
         self._used: Source | None = None
 
@@ -87,7 +94,10 @@ class Choice(Generic[S]):
     def needs(self, source: Source, instant_ns: int) -> bool:
         """Whether a sample of that instant could matter: not from a lesser source while the other comes."""
         used = self._used
-        return used is None or source.rank <= used.rank or instant_ns - used.instant_ns > SILENT_NS
+        if used is None or source.rank <= used.rank or instant_ns - used.instant_ns > SILENT_NS:
+            return True
+        source.heard_ns = instant_ns
+        return False
 
     def takes(self, source: Source, sample: S) -> bool:
         """Note that it came; whether to use it (by `use`) or to wait until its source is steady."""
@@ -96,8 +106,11 @@ class Choice(Generic[S]):
         if used is None or used is source:
             return True
         ahead_ns = sample.instant_ns - used.instant_ns
-        if ahead_ns > SILENT_NS:
-            return True
+        if ahead_ns > SILENT_NS:  # the best of those that come takes over
+            return not any(
+                other.rank < source.rank and sample.instant_ns - other.heard_ns <= SILENT_NS
+                for other in self._in_order
+            )
         steady = source.steady_ns is None or sample.instant_ns - source.steady_ns >= STEADY_NS
         return steady and source.rank < used.rank and ahead_ns >= -SILENT_NS
 

@@ -57,6 +57,7 @@ class Stream:
         self._last_ns: int | None = None
         self._last_valid = False
         self._usable_ns: int | None = None
+        self._first_asked_ns: int | None = None
 
     def reset(self) -> None:
         """The autopilot rebooted or is a new one: its rates are back at its defaults."""
@@ -67,6 +68,7 @@ class Stream:
         self._last_ns = None
         self._last_valid = False
         self._usable_ns = None
+        self._first_asked_ns = None
 
     def arrived(self, now_ns: int, *, valid: bool) -> None:
         """A message came; `valid` says whether its content could be used."""
@@ -84,10 +86,11 @@ class Stream:
         return self._last_ns is not None and now_ns - self._last_ns <= self._alive_ns
 
     def absent(self, now_ns: int) -> bool:
-        """Whether it was asked for and nothing usable came."""
-        waited = self._asked_ns is not None and now_ns - self._asked_ns >= _PATIENCE_NS
-        usable = self._usable_ns is not None and now_ns - self._usable_ns <= self._alive_ns
-        return not usable and (waited or self._refused)
+        """Whether it was asked for and nothing usable came, or stopped coming."""
+        if self._usable_ns is not None:
+            return now_ns - self._usable_ns > self._alive_ns
+        waited = self._first_asked_ns is not None and now_ns - self._first_asked_ns >= _PATIENCE_NS
+        return waited or self._refused
 
     def rate_hz(self, now_ns: int) -> float:
         """Messages a second over the last second (or since the first one)."""
@@ -142,6 +145,8 @@ class Stream:
     def ask(self, now_ns: int) -> float:
         """Note that the request goes out now; the rate in Hz to ask for."""
         self._asked_ns = now_ns
+        if self._first_asked_ns is None:
+            self._first_asked_ns = now_ns
         return self._asked_hz
 
     def _forget(self, now_ns: int) -> None:

@@ -12,12 +12,18 @@ from sitl.vehicle.options import Origin
 PX4_RADIUS_M: Final = 6_371_000.0
 ARDUPILOT_RADIUS_M: Final = 6_378_100.0
 
+#: What double precision may lack of a whole step.
+_ROUNDING: Final = 1e-6
+
 #: Origin and position (NED, m) to latitude and longitude (1e-7 deg) and altitude (m above mean sea level).
 Projection = Callable[[Origin, Triple], tuple[int, int, float]]
 
 
 def azimuthal_equidistant(origin: Origin, position_ned_m: Triple) -> tuple[int, int, float]:
-    """Distances and directions from the origin are true: PX4, `geo.cpp`, MapProjection::reproject."""
+    """Distances and directions from the origin are true: PX4, `geo.cpp`, MapProjection::reproject.
+
+    `streams/GLOBAL_POSITION_INT.hpp` cuts off what is less than a step.
+    """
     north, east, down = position_ned_m
     x, y = north / PX4_RADIUS_M, east / PX4_RADIUS_M
     c = math.hypot(x, y)
@@ -28,8 +34,8 @@ def azimuthal_equidistant(origin: Origin, position_ned_m: Triple) -> tuple[int, 
         longitude += math.atan2(y * sine, cos0 * cos_c - x * sin0 * sine)
         latitude = math.asin(max(-1.0, min(1.0, cos_c * sin0 + x * sine * cos0)))
     return (
-        round(math.degrees(latitude) * 1e7),
-        round(_wrapped_deg(math.degrees(longitude)) * 1e7),
+        int(math.degrees(latitude) * 1e7 + _ROUNDING),
+        int(_wrapped_deg(math.degrees(longitude)) * 1e7 + _ROUNDING),
         origin.altitude_m - down,
     )
 

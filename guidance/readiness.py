@@ -79,17 +79,14 @@ def _enum_name(enum: str, value: int) -> str:
 
 def _none_usable(alternatives: list[StreamStatus]) -> str | None:
     """Why none of the messages, best first, can be used; None if one can."""
+    names = [status.message for status in alternatives]
+    listed = f"{', '.join(names[:-1])} or {names[-1]}"
     alive = [status for status in alternatives if status.alive]
     if not alive:
-        *others, last = [status.message for status in alternatives]
-        return f"no {', '.join(others)} or {last}: is the estimator ready?"
-    verdicts = [_unusable(status) for status in alive]
-    return None if None in verdicts else verdicts[0]
-
-
-def _unusable(status: StreamStatus) -> str | None:
-    if not status.at_rate:
-        return f"{status.message} comes at {status.rate_hz:.0f} of {status.wanted_hz:.0f} Hz"
-    if not status.valid:
-        return f"{status.message} is not usable; the link's counters say why"
-    return None
+        return f"no {listed}: is the estimator ready?"
+    valid = [status for status in alive if status.valid]
+    if not valid:
+        return f"no usable {listed}: is the estimator ready? The link's counters say more"
+    if any(status.at_rate for status in valid):
+        return None
+    return f"{valid[0].message} comes at {valid[0].rate_hz:.0f} of {valid[0].wanted_hz:.0f} Hz"

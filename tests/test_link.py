@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
@@ -281,3 +283,29 @@ def test_lost_heartbeats_are_forgiven_for_a_while_as_long_as_the_autopilot_is_he
     silent.heartbeat()
     assert silent.link.connected(silent.now + 3_000_000_000)
     assert not silent.link.connected(silent.now + 3_000_000_001)
+
+
+@pytest.mark.parametrize("synced", [False, True])
+def test_odometry_in_unix_time_is_refused_and_moves_no_boot_clock(synced: bool) -> None:
+    """The message allows both; believed, all that follows would look old, and then like a reboot."""
+    peer = Peer()
+    peer.heartbeat()
+    if synced:
+        for n in range(5):
+            peer.now += 100 * MS
+            peer.answer_timesync((1000 + 100 * n) * MS)
+    nan = [math.nan] * 21
+
+    def odometry(time_usec: int) -> list[str]:
+        message = dialect.MAVLink_odometry_message(
+            time_usec, 1, 1, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0, 0, 0, nan, nan, 0, 8, 0
+        )
+        return peer.say(message, after_ms=20)
+
+    assert peer.attitude(1400, after_ms=1) == ["ATTITUDE_QUATERNION"]
+    for n in range(20):
+        assert odometry(1_700_000_000_000_000 + n * 20_000) == []
+    assert peer.counters["not_time_since_boot"] == 20
+    assert peer.link.vehicle_time_ms == 1400
+    assert odometry(1_820_000) == ["ODOMETRY"]
+    assert (peer.link.vehicle_time_ms, peer.link.reboots) == (1820, 0)

@@ -231,6 +231,21 @@ def test_after_a_long_silence_the_first_that_comes_is_used_and_is_no_reset() -> 
     assert math.dist(motion.at(5080).pose.position, motion.pose(5080).position) < 1e-3
 
 
+def test_nobody_waits_for_a_better_source_that_cannot_be_used() -> None:
+    """ATTITUDE_QUATERNION was heard beside ODOMETRY; now it comes with NaN."""
+    motion = Motion()
+    motion.hear(ALL, 1000, 2000)
+    for at_ms in range(2000, 2200, 20):
+        now_ns = NOW + at_ms * MS
+        broken = AttitudeQuaternion(at_ms, math.nan, 0.0, 0.0, 0.0, *TWIST.angular)
+        assert motion.estimator.take(broken, now_ns, now_ns) in ("not_needed", "not_finite")
+        motion.say("ATTITUDE", at_ms)
+    assert motion.estimator.attitude is not None
+    assert motion.estimator.attitude.source == "ATTITUDE"
+    taken = next(s for s in motion.estimator.news if isinstance(s, Switch) and s.after == "ATTITUDE")
+    assert taken.instant_ns <= NOW + 2120 * MS
+
+
 def test_a_late_or_repeated_sample_of_any_source_changes_nothing() -> None:
     motion = Motion()
     motion.hear(ALL, 1000, 2000)

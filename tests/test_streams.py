@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from guidance.mavlink.streams import SLOWEST_HZ, Stream, Streams
+from guidance.mavlink.streams import SLOWEST_HZ, Stream, Streams, wanted_streams
 from guidance.records import StreamStatus
 
 SECOND = 1_000_000_000
@@ -175,6 +175,59 @@ def test_the_substitute_is_asked_for_when_the_stream_is_refused_for_good() -> No
             streams.acknowledged(accepted=request[0] == EULER)
     assert requests[-1] == (EULER, 50.0)
     assert {name for name, _ in requests[:-1]} == {ATTITUDE}
+
+
+def test_the_substitute_is_asked_for_at_once_when_the_stream_stops_or_is_unusable() -> None:
+    for valid in (True, False):
+        streams = pair()
+        assert asked(streams, 0) == (ATTITUDE, 50.0)
+        streams.acknowledged(accepted=True)
+        now = play(streams[ATTITUDE], 0, 5.0, 50.0)
+        assert asked(streams, now) is None
+        if valid:
+            now += 600 * MS
+        else:  # it comes, and nothing of it can be used
+            now = play(streams[ATTITUDE], now, 0.6, 50.0, valid=False)
+        requests = {asked(streams, now + 310 * MS * n) for n in range(2)}
+        assert (EULER, 50.0) in requests
+
+
+def test_an_unknown_message_is_not_asked_for_again_at_a_lower_rate() -> None:
+    streams = pair()
+    assert asked(streams, 0) == (ATTITUDE, 50.0)
+    streams.acknowledged(accepted=False, known=False)
+    assert asked(streams, 10 * MS) == (EULER, 50.0)
+    streams.acknowledged(accepted=True)
+    assert asked(streams, 20 * MS) is None
+
+
+def test_the_third_is_asked_for_only_if_both_better_ones_are_absent() -> None:
+    streams = Streams(
+        [
+            Stream("ODOMETRY", 50.0),
+            Stream(ATTITUDE, 50.0, instead_of="ODOMETRY"),
+            Stream(EULER, 50.0, instead_of=ATTITUDE),
+        ]
+    )
+    assert asked(streams, 0) == ("ODOMETRY", 50.0)
+    streams.acknowledged(accepted=False, known=False)
+    assert asked(streams, 10 * MS) == (ATTITUDE, 50.0)
+    streams.acknowledged(accepted=False, known=False)
+    play(streams["ODOMETRY"], 0, 1.0, 50.0)  # it comes all the same, as some other program asked for it
+    assert asked(streams, 1000 * MS) is None
+    assert asked(streams, 1600 * MS) == (EULER, 50.0)
+
+
+def test_odometry_is_wanted_where_it_can_be_asked_for() -> None:
+    def wanted(*, odometry: bool) -> dict[str, str | None]:
+        streams = wanted_streams(50.0, 0.2, 0.3, 0.0, odometry=odometry)
+        return {stream.message: stream.instead_of for stream in streams}
+
+    lesser = {EULER: ATTITUDE, "GLOBAL_POSITION_INT": POSITION}
+    best = "ODOMETRY"
+    assert wanted(odometry=True) == {best: None, ATTITUDE: best, POSITION: best, **lesser}
+    assert next(iter(wanted(odometry=True))) == best
+    assert wanted(odometry=False) == {ATTITUDE: None, POSITION: None, **lesser}
 
 
 def test_an_answer_that_nobody_waits_for_changes_nothing() -> None:

@@ -6,8 +6,8 @@ import pytest
 
 from guidance.supervisor import State
 from sitl.lockstep import Channel
-from tests.helpers import ROVER, setpoints_since, state_of
-from tests.pilot import reason, tracking
+from tests.helpers import ROVER, fly_until_tracking, make_flight, setpoints_since, state_of
+from tests.pilot import AUTO, reason, tracking
 
 
 @pytest.mark.parametrize("firmware", [(), ROVER])
@@ -34,6 +34,7 @@ def test_the_reason_says_that_nothing_is_answered() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_thirty_per_cent_of_loss_each_way_is_flown_through(firmware: tuple[str, ...], seed: int) -> None:
     lossy = Channel(loss=0.3)
-    flight, _ = tracking(firmware, to_guide=lossy, to_vehicle=lossy, seed=seed)
-    flight.run(40.0)
+    flight = make_flight(*firmware, *AUTO, to_guide=lossy, to_vehicle=lossy, seed=seed)
+    fly_until_tracking(flight, 20.0)  # requests and answers are lost as well
+    flight.run(42.0)
     assert state_of(flight) is State.TRACKING

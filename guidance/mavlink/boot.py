@@ -7,6 +7,8 @@ from typing import Final
 
 from guidance.mavlink.clock import ClockFilter
 
+#: `time_boot_ms` has 32 bits; what ODOMETRY says beyond is Unix time and no time since boot.
+BOOT_MS_MAX: Final = 2**32
 #: `time_boot_ms` this far back, in several messages running for a while, is a reboot and not a late message.
 REBOOT_BACK_MS: Final = 1000
 REBOOT_AFTER: Final = 3

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.mavlink.boot import BootClock, BootTime
+from guidance.mavlink.boot import BOOT_MS_MAX, BootClock, BootTime
 from guidance.mavlink.clock import ClockFilter
 from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
 from guidance.mavlink.company import Company
@@ -52,8 +52,6 @@ _QUESTIONS_KEPT: Final = 32
 _INTENDED_OLD_NS: Final = 3_000_000_000
 #: A clock that TIMESYNC finds set back by more than this belongs to an autopilot that rebooted.
 _REBOOT_STEP_S: Final = 1.0
-#: `time_boot_ms` has 32 bits; what ODOMETRY says beyond is Unix time and no time since boot.
-_BOOT_MS_MAX: Final = 2**32
 
 #: The command was neither carried out nor refused for good.
 _NO_VERDICT: Final = (dialect.MAV_RESULT_TEMPORARILY_REJECTED, dialect.MAV_RESULT_IN_PROGRESS)
@@ -224,8 +222,7 @@ class AutopilotLink:
             self.counters["ack_for_another"] += 1
             return False
         if body.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and body.result not in _NO_VERDICT:
-            accepted = body.result == dialect.MAV_RESULT_ACCEPTED
-            self.streams.acknowledged(accepted=accepted, known=body.result not in _UNKNOWN)
+            self.streams.acknowledged(body.result == dialect.MAV_RESULT_ACCEPTED, body.result not in _UNKNOWN)
             self._next_stream_ns = now_ns
         return True
 
@@ -239,7 +236,7 @@ class AutopilotLink:
 
     def _boot_time(self, boot_ms: int, now_ns: int) -> bool:
         """Follow the autopilot's time since boot; False for a time that cannot be."""
-        if boot_ms >= _BOOT_MS_MAX:
+        if boot_ms >= BOOT_MS_MAX:
             self.counters["not_time_since_boot"] += 1
             return False
         told = self._boot.take(boot_ms, self.clock, now_ns)

@@ -195,7 +195,7 @@ class Streams:
         better = self._by_message[stream.instead_of]
         return better.absent(now_ns) and self._needed(better, now_ns)
 
-    def acknowledged(self, *, accepted: bool, known: bool = True) -> None:
+    def acknowledged(self, accepted: bool, known: bool = True) -> None:
         """COMMAND_ACK of SET_MESSAGE_INTERVAL came; `known` is false if there is no such message."""
         if self._asking is not None and not accepted:
             self._asking.denied(known=known)

@@ -53,7 +53,6 @@ class Vehicle:
         self._plant_parameters = options.plant._replace(planar=rover or options.plant.planar)
         self._pilot = _PILOTS[options.firmware](options)
         noisy = options.position_noise_m > 0.0 or options.attitude_noise_rad > 0.0
-        self._astray = RIGHT
         self._dice = random.Random(options.seed) if noisy else None
         self._state = PlantState(options.start_position_ned_m(), options.start_attitude_wxyz())
         self._state_ns = boot_ns
@@ -64,6 +63,7 @@ class Vehicle:
         self._command = self._pilot.command(self._state)
 
     def _boot(self, now_ns: int, offset_ns: int) -> None:
+        self._astray = RIGHT
         self._clock = BootClock(now_ns, offset_ns, round(self.options.clock_drift_ppm * 1000.0))
         self._pilot.restart(offset_ns)
         self._plan()

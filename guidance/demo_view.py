@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from guidance.config import Config
+from guidance.estimate import ATTITUDES, POSITIONS
 from guidance.figures import (
     CONVERGED_M,
     FOR_GOOD_S,
@@ -235,9 +236,9 @@ def _rows(latest: Callable[[str], Record | None]) -> list[tuple[str, str]]:
         rows["loop"] = f"{timing.setpoint_rate_hz:8.2f} Hz     longest gap {gap:.1f} ms, latest {late:.1f} ms"
     if isinstance(link, Link):
         rates = {stream.message: stream.rate_hz for stream in link.streams}
-        attitude_hz = max(rates.get("ATTITUDE_QUATERNION", 0.0), rates.get("ATTITUDE", 0.0))
+        attitude_hz, position_hz = (max(rates.get(name, 0.0) for name in of) for of in (ATTITUDES, POSITIONS))
         rows["link"] = (
-            f"attitude {attitude_hz:3.0f} Hz  position {rates.get('LOCAL_POSITION_NED', 0.0):3.0f} Hz  "
+            f"attitude {attitude_hz:3.0f} Hz  position {position_hz:3.0f} Hz  "
             f"round trip {plain(link.round_trip_s, 'ms', 2, 1e3)}  lost {link.lost}"
         )
     return list(rows.items())

@@ -55,8 +55,7 @@ _REBOOT_STEP_S: Final = 1.0
 
 #: The command was neither carried out nor refused for good.
 _NO_VERDICT: Final = (dialect.MAV_RESULT_TEMPORARILY_REJECTED, dialect.MAV_RESULT_IN_PROGRESS)
-#: There is no such message at any rate: what PX4 answers.
-_UNKNOWN: Final = (dialect.MAV_RESULT_FAILED, dialect.MAV_RESULT_UNSUPPORTED)
+_UNKNOWN: Final = (dialect.MAV_RESULT_FAILED, dialect.MAV_RESULT_UNSUPPORTED)  # no such message (PX4: FAILED)
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 
 

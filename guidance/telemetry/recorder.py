@@ -3,8 +3,9 @@
 Written so that a crash costs at most `flush_s` of flight: small chunks, each handed to the operating system
 whole, the first one (which carries schemas and channels) at once. Written so that a log never lies: samples
 appear in the order in which they were offered, and where some had to be dropped a `lost` record says how
-many. A disk that is nearly full or fails ends the log, says so, and costs nothing but the log; a reader finds
-that out too: only a log that holds the whole run ends with the word that it does.
+many. Written so that viewers can draw it: after a record follows what Foxglove knows it by. A disk that is
+nearly full or fails ends the log, says so, and costs nothing but the log; a reader finds that out too: only a
+log that holds the whole run ends with the word that it does.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from guidance.records import SCHEMA_VERSION, TOPICS, Lost
-from guidance.telemetry.log import END_NAME, ENDED_EARLY, METADATA_NAME
+from guidance.telemetry.foxglove_view import SHOWN, View
+from guidance.telemetry.log import DERIVED, END_NAME, ENDED_EARLY, METADATA_NAME
 from guidance.telemetry.queue import Sample
-from guidance.telemetry.schema import RECORDS, json_schema, schema_name
+from guidance.telemetry.schema import RECORDS, json_schema, schema_name, schema_of, well_known_name
 from guidance.telemetry.worker import ThreadedSink
 
 _LOST_TOPIC: Final = TOPICS[Lost]
@@ -70,7 +72,9 @@ class _McapWriter(Protocol):
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None: ...
 
-    def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int: ...
+    def register_channel(
+        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] = ...
+    ) -> int: ...
 
     def flush(self) -> None: ...
 
@@ -119,6 +123,7 @@ class Recorder(ThreadedSink):
         chunk_bytes: size of a chunk before compression; bounds the time of the slice that closes it.
         flush_s: a chunk is closed and written after this time at the latest, s.
         min_free_bytes: the log is closed, marked as ended early, when the disk has less room than this.
+        foxglove: also write what viewers draw (`foxglove_view.SHOWN`).
     """
 
     def __init__(
@@ -133,6 +138,7 @@ class Recorder(ThreadedSink):
         chunk_bytes: int = 64 << 10,
         flush_s: float = 0.5,
         min_free_bytes: int = 100 << 20,
+        foxglove: bool = True,
         open_file: Callable[[Path], LogFile] = DiskFile,
         free_bytes: Callable[[Path], int] = lambda directory: shutil.disk_usage(directory).free,
         clock_ns: Callable[[], int] = time.monotonic_ns,
@@ -155,6 +161,7 @@ class Recorder(ThreadedSink):
         self._min_free_bytes = min_free_bytes
         self._open_file = open_file
         self._free_bytes = free_bytes
+        self._view = View(unix_offset_ns) if foxglove else None
         # Of the worker's thread only. `_writer` is None before the log is opened and after it has ended.
         self._opened = False
         self._file: LogFile | None = None
@@ -199,6 +206,14 @@ class Recorder(ThreadedSink):
         for topic in RECORDS:
             schema_id = writer.register_schema(schema_name(topic), "jsonschema", json_schema(topic))
             self._channels[topic] = writer.register_channel(f"/{topic}", "json", schema_id)
+        if self._view is not None:
+            schema_ids = {
+                kind: writer.register_schema(well_known_name(kind), "jsonschema", schema_of(kind))
+                for kind in dict.fromkeys(SHOWN.values())
+            }
+            for topic, kind in SHOWN.items():
+                channel_id = writer.register_channel(f"/{topic}", "json", schema_ids[kind], DERIVED)
+                self._channels[topic] = channel_id
         self._writer = writer
         self._space_checked_ns = self._clock_ns()
 
@@ -210,6 +225,9 @@ class Recorder(ThreadedSink):
             self._mark_lost(sample.t_ns, lost)
         self._unwritten += 1
         self._add(sample)
+        if self._view is not None:
+            for derived in self._view.of(sample):
+                self._add(derived)
 
     def _mark_lost(self, t_ns: int, count: int) -> None:
         self._add(Sample(_LOST_TOPIC, t_ns, msgspec.json.encode(Lost(t_ns=t_ns, count=count))))

@@ -287,6 +287,17 @@ def test_garbage_on_the_keys_is_passed_over(endpoint: str, key: str, payload: by
         assert found == [("rover1", event(3))]
 
 
+@pytest.mark.parametrize("t_ns", [-(10**30), -1, 2**63, 10**30])
+def test_an_absurd_time_stops_nothing(t_ns: int) -> None:
+    with closing(Bridge("127.0.0.1", 0)) as bridge, viewing(bridge.port) as viewer:
+        bridge.take("rover1", session_of("rover1"))
+        viewer.subscribe("/rover1/event")
+        welcome(bridge)
+        bridge.take("rover1", event(t_ns))
+        bridge.take("rover1", state(POSE, t_ns=t_ns))
+        assert viewer.message("/rover1/event")[1]["text"] == str(t_ns)
+
+
 def test_a_port_in_use_is_named() -> None:
     with (
         closing(Bridge("127.0.0.1", 0)) as bridge,

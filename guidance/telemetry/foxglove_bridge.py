@@ -27,6 +27,7 @@ from guidance.telemetry.zenoh_sink import close_quietly
 TURN_S: Final = 0.02
 _RING: Final = 8192
 _WAITING_VIEWERS: Final = 4096
+_LAST_NS: Final = (1 << 63) - 1  # what a viewer can hold of a time, whatever a stranger's record says
 _VEHICLE: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 #: What is advertised of each vehicle: topic without a slash -> name and JSON Schema.
@@ -146,7 +147,7 @@ class Bridge:
 
     def _log(self, shown: _Shown, topic: str, sample: Sample) -> None:
         channel = shown.channels[topic]
-        time_ns = max(0, sample.t_ns + shown.session.unix_offset_ns)
+        time_ns = min(max(0, sample.t_ns + shown.session.unix_offset_ns), _LAST_NS)
         self._last[channel.id()] = (channel, sample.payload, time_ns)
         channel.log(sample.payload, log_time=time_ns)
 

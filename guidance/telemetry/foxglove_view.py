@@ -32,8 +32,8 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
 SHOWN_HZ: Final = 10
 _SHOW_NS: Final = 1_000_000_000 // SHOWN_HZ
 _PATH_NS: Final = 1_000_000_000  # between two paths
-#: The reference's frame is left out when its newest record is older.
-_REFERENCE_NS: Final = 1_000_000_000
+#: Nothing is followed any more when the newest record of a reference is older.
+_REFERENCE_NS: Final = 2 * _SHOW_NS + _SHOW_NS // 2
 
 #: A path has at most so many poses.
 PATH_POSES: Final = 200
@@ -131,24 +131,9 @@ class View:
         if self._state is not None and _jumped(self._state, state):
             self._restart()
         self._state = state
-        stamp = self._stamp(state)
-        pose = foxglove.vehicle_pose(state)
-        frames = self._frames
-        transforms = [foxglove.transform(stamp, frames.map, frames.base_link, pose)]
-        reference = self._reference
-        if reference is not None and state.t_ns - reference.t_ns < _REFERENCE_NS:
-            transforms.append(
-                foxglove.transform(
-                    self._stamp(reference), frames.map, frames.reference, foxglove.reference_pose(reference)
-                )
-            )
-        made = [
-            self._sample(state, "tf", foxglove.FrameTransforms(tuple(transforms))),
-            self._sample(state, "vehicle/pose", foxglove.PoseInFrame(stamp, frames.map, pose)),
-        ]
-        if "tf_static" not in self._slots:
-            self._slots["tf_static"] = 0
-            made.insert(0, self._sample(state, "tf_static", foxglove.static_transforms(stamp, frames)))
+        made = [] if self._follows(state) else self._transforms(state)
+        pose = foxglove.PoseInFrame(self._stamp(state), self._frames.map, foxglove.vehicle_pose(state))
+        made.append(self._sample(state, "vehicle/pose", pose))
         return made + self._path(state, "vehicle/path", self._flown, state.position_ned_m)
 
     def _of_reference(self, reference: Reference) -> list[Sample]:
@@ -159,7 +144,8 @@ class View:
         pose = foxglove.PoseInFrame(
             self._stamp(reference), self._frames.map, foxglove.reference_pose(reference)
         )
-        made = [self._sample(reference, "reference/pose", pose)]
+        made = self._transforms(self._state) if self._state is not None else []
+        made.append(self._sample(reference, "reference/pose", pose))
         return made + self._path(reference, "reference/path", self._followed, reference.position_ned_m)
 
     def _of_error(self, error: TrackingError) -> list[Sample]:
@@ -168,6 +154,26 @@ class View:
 
     def _of_event(self, event: Event) -> list[Sample]:
         return [self._sample(event, "log", foxglove.log_line(self._stamp(event), event))]
+
+    def _follows(self, state: State) -> bool:
+        """Whether a reference of the same instant comes next, as with each state while tracking."""
+        return self._reference is not None and state.t_ns - self._reference.t_ns < _REFERENCE_NS
+
+    def _transforms(self, state: State) -> list[Sample]:
+        """Body and reference in one message: a viewer that seeks is given the last one of the topic."""
+        stamp, frames, reference = self._stamp(state), self._frames, self._reference
+        moving = [foxglove.transform(stamp, frames.map, frames.base_link, foxglove.vehicle_pose(state))]
+        if reference is not None and self._follows(state):
+            moving.append(
+                foxglove.transform(
+                    self._stamp(reference), frames.map, frames.reference, foxglove.reference_pose(reference)
+                )
+            )
+        made = [self._sample(state, "tf", foxglove.FrameTransforms(tuple(moving)))]
+        if "tf_static" not in self._slots:
+            self._slots["tf_static"] = 0
+            made.insert(0, self._sample(state, "tf_static", foxglove.static_transforms(stamp, frames)))
+        return made
 
     def _path(self, record: Record, topic: str, path: Path, position_ned_m: Triple) -> list[Sample]:
         path.add(record.t_ns, position_ned_m)

@@ -235,6 +235,7 @@ def test_one_vehicle_alone_has_the_topics_and_frames_of_a_log() -> None:
         for name in ("rover1", "rover2"):
             bridge.take(name, session_of(name))
             bridge.take(name, STATE)
+        assert bridge._vehicles.keys() == {"rover1"}
         viewer.subscribe("/vehicle/pose")
         welcome(bridge)
         assert_shows(viewer.message("/vehicle/pose")[1], POSE, "map")
@@ -278,6 +279,7 @@ def test_garbage_on_the_keys_is_passed_over(endpoint: str, key: str, payload: by
     with zenoh.open(zenoh_config(listen=[endpoint])) as session:
         arrivals = Arrivals(session)
         session.put(key, payload)
+        session.put("guidance/-x/event", msgspec.json.encode(event(3)))
         session.put("guidance/rover1/event", msgspec.json.encode(event(3)))
         waiting = threading.Event()
         found: list[tuple[str, Record]] = []

@@ -26,10 +26,10 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from guidance.records import SCHEMA_VERSION, TOPICS, Lost
-from guidance.telemetry.foxglove_view import SHOWN, View
-from guidance.telemetry.log import DERIVED, END_NAME, ENDED_EARLY, METADATA_NAME
+from guidance.telemetry.foxglove_view import View
+from guidance.telemetry.log import END_NAME, ENDED_EARLY, METADATA_NAME
+from guidance.telemetry.mcap_writer import McapWriter, Outbox, register_channels
 from guidance.telemetry.queue import Sample
-from guidance.telemetry.schema import RECORDS, json_schema, schema_name, schema_of, well_known_name
 from guidance.telemetry.worker import ThreadedSink
 
 _LOST_TOPIC: Final = TOPICS[Lost]
@@ -61,46 +61,6 @@ class DiskFile(io.FileIO):
     def sync(self) -> None:
         """Have the disk hold what was written."""
         os.fsync(self.fileno())
-
-
-class _McapWriter(Protocol):
-    """`mcap.writer.Writer`, which comes with only some of its types."""
-
-    def add_message(
-        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int
-    ) -> None: ...
-
-    def add_metadata(self, name: str, data: dict[str, str]) -> None: ...
-
-    def register_channel(
-        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] = ...
-    ) -> int: ...
-
-    def flush(self) -> None: ...
-
-    def finish(self) -> None: ...
-
-
-class _Outbox(io.BytesIO):
-    """What the MCAP writer takes for its file: keeps the bytes until they are written out together."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._before = 0
-
-    def tell(self) -> int:
-        """Offset in the file of the next byte."""
-        return self._before + super().tell()
-
-    def empty(self) -> bool:
-        return super().tell() == 0
-
-    def take(self) -> bytes:
-        data = self.getvalue()
-        self.seek(0)
-        self.truncate()
-        self._before += len(data)
-        return data
 
 
 def log_name(vehicle: str, session_id: str, unix_ns: int) -> str:
@@ -165,8 +125,8 @@ class Recorder(ThreadedSink):
         # Of the worker's thread only. `_writer` is None before the log is opened and after it has ended.
         self._opened = False
         self._file: LogFile | None = None
-        self._writer: _McapWriter | None = None
-        self._outbox = _Outbox()
+        self._writer: McapWriter | None = None
+        self._outbox = Outbox()
         self._channels: dict[str, int] = {}
         self._sequence = 0
         self._readable = False  # schemas and channels are in the file
@@ -203,17 +163,7 @@ class Recorder(ThreadedSink):
         writer = Writer(self._outbox, chunk_size=self._chunk_bytes, compression=CompressionType.ZSTD)
         writer.start(profile="", library=f"guidance schema {SCHEMA_VERSION}")
         writer.add_metadata(METADATA_NAME, self._metadata)
-        for topic in RECORDS:
-            schema_id = writer.register_schema(schema_name(topic), "jsonschema", json_schema(topic))
-            self._channels[topic] = writer.register_channel(f"/{topic}", "json", schema_id)
-        if self._view is not None:
-            schema_ids = {
-                kind: writer.register_schema(well_known_name(kind), "jsonschema", schema_of(kind))
-                for kind in dict.fromkeys(SHOWN.values())
-            }
-            for topic, kind in SHOWN.items():
-                channel_id = writer.register_channel(f"/{topic}", "json", schema_ids[kind], DERIVED)
-                self._channels[topic] = channel_id
+        self._channels = register_channels(writer, foxglove=self._view is not None)
         self._writer = writer
         self._space_checked_ns = self._clock_ns()
 

@@ -235,6 +235,64 @@ def watch(
     raise typer.Exit(status)
 
 
+@app.command("foxglove")
+def foxglove_command(
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LOCATOR", help="A router or vehicle, such as tcp/10.0.0.2:7447 (repeatable)."),
+    ] = None,
+    listen: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LOCATOR", help="Let vehicles connect here, such as tcp/0.0.0.0:7447 (repeatable)."
+        ),
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address for viewers; 0.0.0.0 is for all of the network.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port for viewers.")] = 8765,
+    vehicle: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Only this one, with the topics of a log: for the shipped layout."),
+    ] = "",
+) -> None:
+    """Show vehicles live in Foxglove or Lichtblick, from zenoh alone, until Ctrl-C.
+
+    Topics and frames are /NAME/..., or without /NAME if --vehicle says which. Needs the extra "foxglove".
+
+    Examples:
+
+    \b
+    guidance foxglove --connect tcp/10.0.0.2:7447 --vehicle uuv-1
+    guidance foxglove --listen tcp/0.0.0.0:7447
+    """
+    import time
+    from functools import partial
+
+    from guidance.telemetry.zenoh_sink import zenoh_config
+
+    try:
+        from guidance.telemetry.foxglove_bridge import BridgeError, serve
+    except ModuleNotFoundError as error:
+        if error.name != "foxglove":
+            raise
+        raise _refuse("the Foxglove SDK is missing: pip install 'se3-guidance[foxglove]'") from None
+    if not connect and not listen:
+        raise _refuse("where are the vehicles? Name a router or vehicle with --connect, or --listen for them")
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    say = partial(console.print, markup=False)
+    try:
+        config = zenoh_config(connect=connect or (), listen=listen or ())
+        serve(config, host=host, port=port, only=vehicle, say=say, wait=time.sleep)
+    except ValueError as error:
+        raise _refuse(error) from None
+    except BridgeError as error:
+        say(f"guidance foxglove: {error}")
+        raise typer.Exit(1) from None
+    except KeyboardInterrupt:
+        say("stopped")
+
+
 def main() -> None:
     """Entry point."""
     app()

@@ -105,6 +105,7 @@ class Log(_Section, frozen=True, kw_only=True):
 
     enabled: bool = True
     directory: str = "logs"
+    foxglove: bool = True
     min_free_mb: NonNegative = 200.0
 
 

@@ -37,6 +37,7 @@ class LogBook:
             unix_offset_ns=0,
             capacity=_CAPACITY,
             capacity_bytes=_CAPACITY_BYTES,
+            foxglove=config.log.foxglove,
         )
         self._encode = msgspec.json.Encoder().encode
         self.add(

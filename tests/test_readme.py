@@ -43,6 +43,7 @@ DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]
 REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
 WATCHES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance watch")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
+FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
@@ -56,7 +57,7 @@ def words(command: str) -> list[str]:
 
 def test_every_command_is_run_by_a_test_here() -> None:
     assert sorted(COMMANDS) == sorted(
-        [*BY_HAND, *DEMOS, *REPLAYS, *WATCHES, *PAPER, *CAMPAIGNS, *ON_THE_VEHICLE, *OTHERS]
+        [*BY_HAND, *DEMOS, *REPLAYS, *WATCHES, *PAPER, *CAMPAIGNS, *FOXGLOVE, *ON_THE_VEHICLE, *OTHERS]
     )
     assert len(DEMOS) >= 3
     assert len(BY_HAND) >= 3
@@ -125,6 +126,20 @@ def test_campaigns_run(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert arguments != command
     outcome = CliRunner().invoke(sitl_cli.app, words(arguments))
     assert outcome.exit_code == 0, outcome.output
+
+
+@pytest.mark.parametrize("command", FOXGLOVE)
+def test_foxglove_is_bridged_to(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bridge itself is seen by a viewer in test_foxglove_bridge; here nothing listens for long."""
+    ran = []
+
+    def run(_: object, **settings: object) -> None:
+        ran.append(settings["only"])
+
+    monkeypatch.setattr("guidance.telemetry.foxglove_bridge.serve", run)
+    outcome = CliRunner().invoke(guidance_cli.app, words(command))
+    assert outcome.exit_code == 0, outcome.output
+    assert ran == [tomllib.loads((ROOT / "deploy" / "px4-uuv.toml").read_text())["vehicle"]["name"]]
 
 
 @pytest.mark.parametrize("command", PAPER)

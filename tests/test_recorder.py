@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 
 from guidance.records import SCHEMA_VERSION, TOPICS
 from guidance.telemetry import Sample
+from guidance.telemetry.foxglove_view import SHOWN
 from guidance.telemetry.log import read_log, read_metadata
 from guidance.telemetry.recorder import log_name
 from guidance.telemetry.schema import RECORDS
@@ -54,11 +55,12 @@ def test_the_library_reads_the_log_with_its_schemas_times_and_metadata(tmp_path:
     assert summary.statistics is not None
     assert summary.statistics.message_count == 100
     assert {channel.topic for channel in summary.channels.values()} == {
-        f"/{topic}" for topic in TOPICS.values()
+        f"/{topic}" for topic in [*TOPICS.values(), *SHOWN]
     }
     assert {channel.message_encoding for channel in summary.channels.values()} == {"json"}
     assert {schema.encoding for schema in summary.schemas.values()} == {"jsonschema"}
-    assert {schema.name for schema in summary.schemas.values()} == {f"guidance.{r.__name__}" for r in TOPICS}
+    names = {f"guidance.{r.__name__}" for r in TOPICS} | {f"foxglove.{k.__name__}" for k in SHOWN.values()}
+    assert {schema.name for schema in summary.schemas.values()} == names
     for item, (schema, channel, message) in zip(samples, found, strict=True):
         assert schema is not None
         assert (schema.name, channel.topic, message.data) == ("guidance.Setpoint", "/setpoint", item.payload)

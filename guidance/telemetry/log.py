@@ -32,6 +32,8 @@ METADATA_NAME: Final = "guidance"
 #: the log had to end before the run did; empty if it did not.
 END_NAME: Final = "guidance.end"
 ENDED_EARLY: Final = "ended_early"
+#: Metadata of a channel whose messages were made of the records, for viewers; readers of ours pass them over.
+DERIVED: Final = {"derived": "from the records, for viewers"}
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _PREFIX: Final = struct.Struct("<BQ")  # opcode, length
@@ -59,6 +61,8 @@ class LogDamaged(Exception):  # noqa: N818
 
 def read_log(path: Path) -> Iterator[tuple[str, bytes]]:
     """Every message of the log at `path` in file order: topic (without a slash) and payload (JSON).
+
+    What the recorder made of the records for viewers is passed over.
 
     Raises:
         NotALog: at once, when there is no such file or it is no MCAP file.
@@ -157,7 +161,7 @@ class _ChunkReader:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._channels: dict[int, str] = {}
+        self._channels: dict[int, str | None] = {}  # id -> topic, None if its messages are passed over
         self.count = 0
         #: Our recorder numbers the messages of a file; a number that is missing betrays a chunk that is.
         self.numbered = False
@@ -176,7 +180,8 @@ class _ChunkReader:
                     raise LogDamaged(path, offset, "a record is longer than the chunk around it")
                 if opcode == Opcode.CHANNEL:
                     channel = _parse(path, offset, Channel.read, data[body:position])
-                    channels[channel.id] = channel.topic.removeprefix("/")
+                    derived = channel.metadata == DERIVED
+                    channels[channel.id] = None if derived else channel.topic.removeprefix("/")
                 if opcode != message:
                     continue
                 channel_id, sequence, _, _ = head(data, body)
@@ -188,7 +193,8 @@ class _ChunkReader:
             self.count += 1
             if numbered and sequence != self.count & 0xFFFFFFFF:
                 raise LogDamaged(path, offset, f"message {self.count} is missing")
-            yield topic, data[body + _MESSAGE.size : position]
+            if topic is not None:
+                yield topic, data[body + _MESSAGE.size : position]
 
 
 def _unpack_chunk(path: Path, offset: int, body: bytes) -> bytes:

@@ -3,8 +3,9 @@
 Written so that a crash costs at most `flush_s` of flight: small chunks, each handed to the operating system
 whole, the first one (which carries schemas and channels) at once. Written so that a log never lies: samples
 appear in the order in which they were offered, and where some had to be dropped a `lost` record says how
-many. A disk that is nearly full or fails ends the log, says so, and costs nothing but the log; a reader finds
-that out too: only a log that holds the whole run ends with the word that it does.
+many. Written so that viewers can draw it: after a record follows what Foxglove knows it by. A disk that is
+nearly full or fails ends the log, says so, and costs nothing but the log; a reader finds that out too: only a
+log that holds the whole run ends with the word that it does.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from guidance.records import SCHEMA_VERSION, TOPICS, Lost
+from guidance.telemetry.foxglove_view import View
 from guidance.telemetry.log import END_NAME, ENDED_EARLY, METADATA_NAME
+from guidance.telemetry.mcap_writer import McapWriter, Outbox, register_channels
 from guidance.telemetry.queue import Sample
-from guidance.telemetry.schema import RECORDS, json_schema, schema_name
 from guidance.telemetry.worker import ThreadedSink
 
 _LOST_TOPIC: Final = TOPICS[Lost]
@@ -61,44 +63,6 @@ class DiskFile(io.FileIO):
         os.fsync(self.fileno())
 
 
-class _McapWriter(Protocol):
-    """`mcap.writer.Writer`, which comes with only some of its types."""
-
-    def add_message(
-        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int
-    ) -> None: ...
-
-    def add_metadata(self, name: str, data: dict[str, str]) -> None: ...
-
-    def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int: ...
-
-    def flush(self) -> None: ...
-
-    def finish(self) -> None: ...
-
-
-class _Outbox(io.BytesIO):
-    """What the MCAP writer takes for its file: keeps the bytes until they are written out together."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._before = 0
-
-    def tell(self) -> int:
-        """Offset in the file of the next byte."""
-        return self._before + super().tell()
-
-    def empty(self) -> bool:
-        return super().tell() == 0
-
-    def take(self) -> bytes:
-        data = self.getvalue()
-        self.seek(0)
-        self.truncate()
-        self._before += len(data)
-        return data
-
-
 def log_name(vehicle: str, session_id: str, unix_ns: int) -> str:
     """File name of a log: sorts by UTC time; odd characters of vehicle and session become underscores."""
     when = datetime.fromtimestamp(unix_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -119,6 +83,7 @@ class Recorder(ThreadedSink):
         chunk_bytes: size of a chunk before compression; bounds the time of the slice that closes it.
         flush_s: a chunk is closed and written after this time at the latest, s.
         min_free_bytes: the log is closed, marked as ended early, when the disk has less room than this.
+        foxglove: also write what viewers draw (`foxglove_view.SHOWN`).
     """
 
     def __init__(
@@ -133,6 +98,7 @@ class Recorder(ThreadedSink):
         chunk_bytes: int = 64 << 10,
         flush_s: float = 0.5,
         min_free_bytes: int = 100 << 20,
+        foxglove: bool = True,
         open_file: Callable[[Path], LogFile] = DiskFile,
         free_bytes: Callable[[Path], int] = lambda directory: shutil.disk_usage(directory).free,
         clock_ns: Callable[[], int] = time.monotonic_ns,
@@ -155,11 +121,12 @@ class Recorder(ThreadedSink):
         self._min_free_bytes = min_free_bytes
         self._open_file = open_file
         self._free_bytes = free_bytes
+        self._view = View(unix_offset_ns) if foxglove else None
         # Of the worker's thread only. `_writer` is None before the log is opened and after it has ended.
         self._opened = False
         self._file: LogFile | None = None
-        self._writer: _McapWriter | None = None
-        self._outbox = _Outbox()
+        self._writer: McapWriter | None = None
+        self._outbox = Outbox()
         self._channels: dict[str, int] = {}
         self._sequence = 0
         self._readable = False  # schemas and channels are in the file
@@ -196,9 +163,7 @@ class Recorder(ThreadedSink):
         writer = Writer(self._outbox, chunk_size=self._chunk_bytes, compression=CompressionType.ZSTD)
         writer.start(profile="", library=f"guidance schema {SCHEMA_VERSION}")
         writer.add_metadata(METADATA_NAME, self._metadata)
-        for topic in RECORDS:
-            schema_id = writer.register_schema(schema_name(topic), "jsonschema", json_schema(topic))
-            self._channels[topic] = writer.register_channel(f"/{topic}", "json", schema_id)
+        self._channels = register_channels(writer, foxglove=self._view is not None)
         self._writer = writer
         self._space_checked_ns = self._clock_ns()
 
@@ -210,6 +175,9 @@ class Recorder(ThreadedSink):
             self._mark_lost(sample.t_ns, lost)
         self._unwritten += 1
         self._add(sample)
+        if self._view is not None:
+            for derived in self._view.of(sample):
+                self._add(derived)
 
     def _mark_lost(self, t_ns: int, count: int) -> None:
         self._add(Sample(_LOST_TOPIC, t_ns, msgspec.json.encode(Lost(t_ns=t_ns, count=count))))

@@ -38,8 +38,17 @@ def encoding_schema(topic: str) -> str:
 
 def json_schema(topic: str) -> bytes:
     """Self-contained JSON Schema of the record of `topic`; KeyError for a topic that does not exist."""
-    record = RECORDS[topic]
-    generated = msgspec.json.schema(record)
+    return schema_of(RECORDS[topic])
+
+
+def well_known_name(kind: type[msgspec.Struct]) -> str:
+    """Name of the schema of a class of `telemetry.foxglove`: `foxglove.<Class>`, exactly."""
+    return f"foxglove.{kind.__name__}"
+
+
+def schema_of(kind: type[msgspec.Struct]) -> bytes:
+    """Self-contained JSON Schema of a Struct."""
+    generated = msgspec.json.schema(kind)
     return msgspec.json.encode(_inline(generated, generated.get("$defs", {})))
 
 

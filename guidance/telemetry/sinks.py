@@ -79,6 +79,7 @@ def configured_sinks(config: Config, session: Session) -> Sinks:
             session_id=session.session_id,
             unix_offset_ns=session.unix_offset_ns,
             min_free_bytes=round(config.log.min_free_mb * 1e6),
+            foxglove=config.log.foxglove,
         )
     if config.zenoh.enabled:
         zenoh = config.zenoh

@@ -1,0 +1,236 @@
+"""The live view: what vehicles publish over zenoh, on a WebSocket for Foxglove and Lichtblick.
+
+Needs the extra `foxglove`, which a vehicle does not. Everything but the network happens in the caller's
+thread: records are taken from zenoh's rings, and a viewer that joins is given the last message of each topic
+in the next turn. A viewer that is too slow loses messages in the SDK, by its own bounded backlog.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final, NamedTuple
+
+import foxglove as sdk
+import msgspec
+import zenoh
+from foxglove.websocket import ChannelView, Client, ServerListener
+
+from guidance.records import LOG_ONLY, TOPICS, Record, Session
+from guidance.telemetry.foxglove_view import SHOWN, View
+from guidance.telemetry.queue import Sample
+from guidance.telemetry.schema import RECORDS, json_schema, schema_name, schema_of, well_known_name
+from guidance.telemetry.zenoh_sink import close_quietly
+
+TURN_S: Final = 0.02
+_RING: Final = 8192
+_WAITING_VIEWERS: Final = 4096
+_LAST_NS: Final = (1 << 63) - 1  # what a viewer can hold of a time, whatever a stranger's record says
+_VEHICLE: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+#: What is advertised of each vehicle: topic without a slash -> name and JSON Schema.
+CHANNELS: Final[dict[str, tuple[str, bytes]]] = {
+    topic: (schema_name(topic), json_schema(topic)) for topic in RECORDS if topic not in LOG_ONLY
+} | {topic: (well_known_name(kind), schema_of(kind)) for topic, kind in SHOWN.items()}
+
+
+class BridgeError(Exception):
+    """The bridge cannot run; the text says why and what to do."""
+
+
+class _Listener(ServerListener):
+    """Notes who subscribes to what; called in the SDK's threads."""
+
+    def __init__(self) -> None:
+        self.joined: deque[tuple[int, int]] = deque(maxlen=_WAITING_VIEWERS)
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self.joined.append((client.id, channel.id))
+
+
+class _Shown(NamedTuple):
+    """One run of one vehicle."""
+
+    session: Session
+    view: View
+    channels: dict[str, sdk.Channel]
+
+
+class Bridge:
+    """The server; `take` gives it the records in order.
+
+    Args:
+        host: address to listen on.
+        port: to listen on; 0 for any that is free.
+        only: the one vehicle that is shown; its topics and frames then have no prefix, as in a log.
+
+    Raises:
+        BridgeError: it cannot listen there.
+    """
+
+    def __init__(self, host: str, port: int, only: str = "") -> None:
+        self._only = only
+        self._context = sdk.Context()
+        self._listener = _Listener()
+        self._vehicles: dict[str, _Shown] = {}
+        self._last: dict[int, tuple[sdk.Channel, bytes, int]] = {}
+        self._encode = msgspec.json.Encoder().encode
+        try:
+            self._server = sdk.start_server(
+                name=only or "guidance",
+                host=host,
+                port=port,
+                server_listener=self._listener,
+                context=self._context,
+            )
+        except RuntimeError as error:
+            why = re.sub(r"^FoxgloveError: (Failed to bind port: )?| \(os error \d+\)$", "", str(error))
+            raise BridgeError(
+                f"cannot listen on {host}, port {port}: {why}; choose others with --host and --port"
+            ) from error
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return self._server.port
+
+    def close(self) -> None:
+        """Part with all viewers."""
+        self._server.stop()
+
+    def take(self, vehicle: str, record: Record) -> None:
+        """Show `record`; what comes before its session record has no time that a viewer knows, and is not."""
+        if self._only not in ("", vehicle):
+            return
+        shown = self._vehicles.get(vehicle)
+        if isinstance(record, Session) and (shown is None or shown.session != record):
+            shown = self._begin(vehicle, record, shown)
+        if shown is None:
+            return
+        sample = Sample(TOPICS[type(record)], record.t_ns, self._encode(record))
+        prefix = "" if self._only else f"{vehicle}/"
+        self._log(shown, sample.topic, sample)
+        for made in shown.view.of(sample):
+            self._log(shown, made.topic.removeprefix(prefix), made)
+
+    def welcome(self) -> None:
+        """Give those who have subscribed since the last call the last message of what they subscribed to."""
+        while self._listener.joined:
+            client, channel_id = self._listener.joined.popleft()
+            last = self._last.get(channel_id)
+            if last is not None:
+                channel, payload, time_ns = last
+                channel.log(payload, log_time=time_ns, sink_id=client)
+
+    def _begin(self, vehicle: str, session: Session, before: _Shown | None) -> _Shown:
+        prefix = "" if self._only else f"/{vehicle}"
+        channels = (
+            {
+                topic: sdk.Channel(
+                    f"{prefix}/{topic}",
+                    message_encoding="json",
+                    schema=sdk.Schema(name=name, encoding="jsonschema", data=schema),
+                    context=self._context,
+                )
+                for topic, (name, schema) in CHANNELS.items()
+            }
+            if before is None
+            else before.channels
+        )
+        for channel in channels.values():
+            self._last.pop(channel.id(), None)
+        view = View(session.unix_offset_ns, "" if self._only else vehicle)
+        shown = self._vehicles[vehicle] = _Shown(session, view, channels)
+        return shown
+
+    def _log(self, shown: _Shown, topic: str, sample: Sample) -> None:
+        channel = shown.channels[topic]
+        time_ns = min(max(0, sample.t_ns + shown.session.unix_offset_ns), _LAST_NS)
+        self._last[channel.id()] = (channel, sample.payload, time_ns)
+        channel.log(sample.payload, log_time=time_ns)
+
+
+class Arrivals:
+    """The records of one or all vehicles as zenoh brings them; what is no record is passed over.
+
+    When a vehicle's liveliness token appears, its session record is asked for: it is published only once.
+    """
+
+    def __init__(self, session: zenoh.Session, vehicle: str = "*") -> None:
+        ring = zenoh.handlers.RingChannel
+        self._session = session
+        self._records = session.declare_subscriber(f"guidance/{vehicle}/*", ring(_RING))
+        self._tokens = session.liveliness().declare_subscriber(
+            f"guidance/{vehicle}/alive", ring(_RING), history=True
+        )
+        self._replies: deque[zenoh.Reply] = deque(maxlen=_RING)
+        self._decoders = {topic: msgspec.json.Decoder(RECORDS[topic]) for topic in RECORDS}
+
+    def take(self) -> Iterator[tuple[str, Record]]:
+        """Vehicle and record, sessions first; never waits."""
+        while (token := self._tokens.try_recv()) is not None:
+            vehicle = str(token.key_expr).split("/")[1]
+            if token.kind == zenoh.SampleKind.PUT and _VEHICLE.fullmatch(vehicle):
+                self._session.get(f"guidance/{vehicle}/{TOPICS[Session]}", self._replies.append)
+        while self._replies:
+            reply = self._replies.popleft().ok
+            if reply is not None:
+                yield from self._read(reply)
+        for _ in range(_RING):
+            sample = self._records.try_recv()
+            if sample is None:
+                return
+            yield from self._read(sample)
+
+    def _read(self, sample: zenoh.Sample) -> Iterator[tuple[str, Record]]:
+        _, vehicle, topic = str(sample.key_expr).split("/", 2)
+        if topic not in self._decoders or topic in LOG_ONLY or not _VEHICLE.fullmatch(vehicle):
+            return
+        try:
+            yield vehicle, self._decoders[topic].decode(sample.payload.to_bytes())
+        except (msgspec.MsgspecError, UnicodeDecodeError):
+            return
+
+
+@contextmanager
+def arrivals(config: zenoh.Config, vehicle: str) -> Iterator[Arrivals]:
+    """Connected for the length of the block; BridgeError if that does not work."""
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise BridgeError(f"zenoh: cannot open a session: {error}") from error
+    try:
+        yield Arrivals(session, vehicle)
+    finally:
+        close_quietly(session)
+
+
+def serve(
+    config: zenoh.Config,
+    *,
+    host: str,
+    port: int,
+    only: str,
+    say: Callable[[str], None],
+    wait: Callable[[float], object],
+) -> None:
+    """Bridge until `wait(TURN_S)`, called between turns, returns something true.
+
+    Raises:
+        ValueError: `only` is no name of a vehicle.
+        BridgeError: it cannot listen, or zenoh has no session.
+    """
+    if only and not _VEHICLE.fullmatch(only):
+        raise ValueError(f"vehicle = {only!r}: 1 to 64 letters, digits, _ . -")
+    bridge = Bridge(host, port, only)
+    try:
+        with arrivals(config, only or "*") as source:
+            say(f"Foxglove WebSocket at ws://{host}:{bridge.port}: open a connection to it in the viewer")
+            while not wait(TURN_S):
+                for vehicle, record in source.take():
+                    bridge.take(vehicle, record)
+                bridge.welcome()
+    finally:
+        bridge.close()

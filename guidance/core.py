@@ -44,15 +44,10 @@ from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
 from guidance.reporting import Cadence, News, setpoint_records, state_record, status_record
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
-from guidance.timing import LoopTiming
+from guidance.timing import LoopTiming, Pace
 from guidance.tracker import Solution, Tracker, is_usable
 from guidance.view import View
 from guidance.words import SEVERITY, Words
-
-#: A new attitude is used when this part of the period has passed: data that is a little early is not late.
-NEARLY: Final = 0.8
-#: Without a new attitude, prediction fills in after this many periods.
-FILL_IN: Final = 1.5
 
 _WATCH_NS: Final = 50_000_000
 _LOUD: Final = frozenset({State.HANDED_OVER, State.ABORTED, State.WITHHELD})
@@ -86,10 +81,8 @@ class Guide:
         self._records: list[Record] = []
         self._packets: list[bytes] = []
         self._input_seq = 0
-        self._period_ns = round(1e9 / config.link.rate_hz)
+        self._pace = Pace(config.link.rate_hz)
         self._actuation_delay_ns = round(config.link.actuation_delay_s * 1e9)
-        self._due_ns = 0
-        self._next_ns = 0
         self._sent_ns: int | None = None
         self._started_ns: int | None = None
         self._watch_ns = 0
@@ -168,7 +161,7 @@ class Guide:
     def deadline(self) -> int:
         """When `tick` must be called next, ns; in the past if it is due now."""
         due_ns = min(self._watch_ns, self.link.deadline())
-        return min(due_ns, self._due_ns) if self.engagement.streaming else due_ns
+        return min(due_ns, self._pace.due_ns) if self.engagement.streaming else due_ns
 
     @property
     def finished(self) -> bool:
@@ -214,9 +207,8 @@ class Guide:
         if refused is None:
             if self._estimator.news:
                 self._tell_news(now_ns)
-            nearly_ns = self._next_ns - round((1.0 - NEARLY) * self._period_ns)
-            if not isinstance(body, LocalPositionNed | GlobalPositionInt) and now_ns >= nearly_ns:
-                self._due_ns = min(self._due_ns, now_ns)
+            if not isinstance(body, LocalPositionNed | GlobalPositionInt):
+                self._pace.attitude_came(now_ns)
         elif refused != "not_needed":
             link.counters[f"{name}:{refused}"] += 1
 
@@ -232,7 +224,7 @@ class Guide:
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS
             self._supervise(now_ns)
-        if self.engagement.streaming and now_ns >= self._due_ns:
+        if self.engagement.streaming and now_ns >= self._pace.due_ns:
             self._setpoint(now_ns)
         for name in self._cadence.due(now_ns):
             self._records += self._periodic(name, now_ns)
@@ -270,7 +262,7 @@ class Guide:
             self._words.forget()
         if SETPOINTS[change.after] is Setpoints.NONE or SETPOINTS[change.before] is Setpoints.NONE:
             self.timing.paused()
-            self._due_ns = now_ns
+            self._pace.due_ns = now_ns
         if change.after not in (State.TRACKING, State.LEAVING):
             self.tracker.stop()
 
@@ -297,11 +289,7 @@ class Guide:
 
     def _setpoint(self, now_ns: int) -> None:
         """Compute and send one setpoint for its own instant, or be silent and say why."""
-        due_ns = self._due_ns
-        self._due_ns = now_ns + round(FILL_IN * self._period_ns)
-        # A late one does not move those after it, so that jitter costs no rate; an early one does.
-        following_ns = max(self._next_ns + self._period_ns, now_ns + self._period_ns // 2)
-        self._next_ns = min(following_ns, now_ns + self._period_ns)
+        due_ns = self._pace.taken(now_ns)
         instant_ns = now_ns + self._actuation_delay_ns
         estimate = self._estimate(now_ns)
         if isinstance(estimate, str):

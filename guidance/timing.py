@@ -1,4 +1,4 @@
-"""How late the control loop is, and how even its setpoints come: counted, never averaged away."""
+"""When setpoints are due, how late the loop is, and how even they come: counted, never averaged away."""
 
 from __future__ import annotations
 
@@ -7,9 +7,36 @@ from typing import Final
 
 from guidance.records import Timing
 
+#: A new attitude is used when this part of the period has passed: data that is a little early is not late.
+NEARLY: Final = 0.8
+#: Without a new attitude, prediction fills in after this many periods.
+FILL_IN: Final = 1.5
+
 LATENESS_EDGES_S: Final = (0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 #: A gap between two setpoints longer than this is an event of its own.
 GAP_EVENT_S: Final = 0.1
+
+
+class Pace:
+    """When the next setpoint is due: `due_ns` may be set, to have one at once."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self.due_ns = 0
+        self._next_ns = 0
+        self._period_ns = round(1e9 / rate_hz)
+
+    def attitude_came(self, now_ns: int) -> None:
+        """A new attitude is there: a setpoint is due at once if its period has nearly passed."""
+        if now_ns >= self._next_ns - round((1.0 - NEARLY) * self._period_ns):
+            self.due_ns = min(self.due_ns, now_ns)
+
+    def taken(self, now_ns: int) -> int:
+        """The setpoint is computed now; arranges for the next one and gives when this one was due."""
+        due_ns, self.due_ns = self.due_ns, now_ns + round(FILL_IN * self._period_ns)
+        # A late one does not move those after it, so that jitter costs no rate; an early one does.
+        following_ns = max(self._next_ns + self._period_ns, now_ns + self._period_ns // 2)
+        self._next_ns = min(following_ns, now_ns + self._period_ns)
+        return due_ns
 
 
 class LoopTiming:

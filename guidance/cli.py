@@ -239,13 +239,10 @@ def watch(
 def foxglove_command(
     connect: Annotated[
         list[str] | None,
-        typer.Option(metavar="LOCATOR", help="A router or vehicle, such as tcp/10.0.0.2:7447 (repeatable)."),
+        typer.Option(metavar="LOCATOR", help="Where to connect to (repeatable)."),
     ] = None,
     listen: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LOCATOR", help="Let vehicles connect here, such as tcp/0.0.0.0:7447 (repeatable)."
-        ),
+        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to listen (repeatable).")
     ] = None,
     host: Annotated[
         str, typer.Option(help="Address for viewers; 0.0.0.0 is for all of the network.")
@@ -256,9 +253,10 @@ def foxglove_command(
         typer.Option(metavar="NAME", help="Only this one, with the topics of a log: for the shipped layout."),
     ] = "",
 ) -> None:
-    """Show vehicles live in Foxglove or Lichtblick, from zenoh alone, until Ctrl-C.
+    """Show vehicles live in Foxglove or Lichtblick, by what their services publish over zenoh.
 
-    Topics and frames are /NAME/..., or without /NAME if --vehicle says which. Needs the extra "foxglove".
+    Topics and frames are /NAME/..., or without /NAME if --vehicle says which. Without a place this looks
+    where `guidance watch` does. It ends with Ctrl-C (status 130) and needs the extra "foxglove".
 
     Examples:
 
@@ -266,31 +264,20 @@ def foxglove_command(
     guidance foxglove --connect tcp/10.0.0.2:7447 --vehicle uuv-1
     guidance foxglove --listen tcp/0.0.0.0:7447
     """
-    import time
-    from functools import partial
-
-    from guidance.telemetry.zenoh_sink import zenoh_config
-
     try:
-        from guidance.telemetry.foxglove_bridge import BridgeError, serve
+        from guidance.bridge import BridgeError, bridge
     except ModuleNotFoundError as error:
         if error.name != "foxglove":
             raise
         raise _refuse("the Foxglove SDK is missing: pip install 'se3-guidance[foxglove]'") from None
-    if not connect and not listen:
-        raise _refuse("where are the vehicles? Name a router or vehicle with --connect, or --listen for them")
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
-    say = partial(console.print, markup=False)
     try:
-        config = zenoh_config(connect=connect or (), listen=listen or ())
-        serve(config, host=host, port=port, only=vehicle, say=say, wait=time.sleep)
+        status = bridge(connect=connect or (), listen=listen or (), host=host, port=port, vehicle=vehicle)
     except ValueError as error:
         raise _refuse(error) from None
     except BridgeError as error:
-        say(f"guidance foxglove: {error}")
+        typer.echo(f"guidance foxglove: {error}", err=True)
         raise typer.Exit(1) from None
-    except KeyboardInterrupt:
-        say("stopped")
+    raise typer.Exit(status)
 
 
 def main() -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import struct
+import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from typing import Any, Final
+from types import SimpleNamespace
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import pytest
@@ -19,20 +22,23 @@ from typer.testing import CliRunner
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from guidance.bridge import serve
 from guidance.cli import app
 from guidance.records import LOG_ONLY, TOPICS, Event, Level, Record, Session
 from guidance.se3 import Pose, Quaternion, Vec3, from_euler
 from guidance.service import new_session
-from guidance.telemetry import Sample, foxglove_bridge
-from guidance.telemetry.foxglove_bridge import CHANNELS, Arrivals, Bridge, BridgeError, serve
+from guidance.telemetry import Sample
+from guidance.telemetry.foxglove_bridge import CHANNELS, Bridge, BridgeError
 from guidance.telemetry.foxglove_view import SHOWN
-from guidance.telemetry.schema import json_schema, schema_of
-from guidance.telemetry.zenoh_sink import ZenohSink, close_quietly, zenoh_config
+from guidance.telemetry.schema import encoding_schema, json_schema, schema_of
+from guidance.telemetry.subscriber import Subscriber
+from guidance.telemetry.zenoh_sink import ZenohSink, zenoh_config
 from tests.helpers import make_config
 from tests.test_foxglove import ENU_OF_NED, FLU_OF_FRD, ROUNDING, reference, state
 from tests.test_se3 import rotation_matrix
 
 DEADLINE_S: Final = 20.0
+Endpoints = Sequence[str]
 SUBPROTOCOL: Final = Subprotocol("foxglove.sdk.v1")
 _MESSAGE: Final = struct.Struct("<BIQ")  # opcode, subscription, log time; the payload follows
 POSE: Final = Pose(Vec3(3.0, 4.0, -5.0), from_euler(0.1, 0.2, 0.3))
@@ -49,6 +55,9 @@ def a_free_endpoint() -> str:
 def session_of(name: str, session_id: str = "first") -> Session:
     session = new_session(make_config(f"vehicle.name={name}"))
     return msgspec.structs.replace(session, t_ns=10**9, unix_offset_ns=10**18, session_id=session_id)
+
+
+SESSION: Final = session_of("rover1")
 
 
 def event(number: int) -> Event:
@@ -113,35 +122,36 @@ def viewing(port: int) -> Iterator[Viewer]:
         yield Viewer(connection)
 
 
+class Served(NamedTuple):
+    """A bridge that runs: its port, and what it has said."""
+
+    port: int
+    said: list[str]
+
+
 @contextmanager
-def serving(listen: str, only: str = "") -> Iterator[int]:
-    """The bridge in a thread, as the command runs it; gives its port."""
-    stop, ready = threading.Event(), threading.Event()
+def serving(*, only: str = "", connect: Endpoints = (), listen: Endpoints = ()) -> Iterator[Served]:
+    """The bridge in a thread, as the command runs it."""
+    stop = threading.Event()
     said: list[str] = []
-
-    def say(text: str) -> None:
-        said.append(text)
-        ready.set()
-
-    thread = threading.Thread(
-        target=serve,
-        args=[zenoh_config(listen=[listen])],
-        kwargs={"host": "127.0.0.1", "port": 0, "only": only, "say": say, "wait": stop.wait},
-    )
-    thread.start()
-    try:
-        assert ready.wait(DEADLINE_S)
-        yield int(said[0].split("ws://127.0.0.1:")[1].split(":")[0])
-    finally:
-        stop.set()
-        thread.join(DEADLINE_S)
-        assert not thread.is_alive()
+    config = zenoh_config(connect=connect, listen=listen)
+    with Subscriber(config, only or "*") as subscriber, closing(Bridge("127.0.0.1", 0, only)) as server:
+        thread = threading.Thread(target=serve, args=[subscriber, server, said.append, stop.wait])
+        thread.start()
+        try:
+            yield Served(server.port, said)
+        finally:
+            stop.set()
+            thread.join(DEADLINE_S)
+            assert not thread.is_alive()
 
 
 @contextmanager
-def publishing(name: str, endpoint: str, *records: Record) -> Iterator[Callable[[Record], None]]:
-    """A service's own sink, connected to the bridge; gives what publishes a record."""
-    sink = ZenohSink(name, connect=[endpoint])
+def publishing(
+    *records: Record, connect: Endpoints = (), listen: Endpoints = ()
+) -> Iterator[Callable[[Record], None]]:
+    """A service's own sink; gives what publishes a record."""
+    sink = ZenohSink("rover1", connect=connect, listen=listen)
 
     def publish(record: Record) -> None:
         sink.offer(Sample(TOPICS[type(record)], record.t_ns, msgspec.json.encode(record)))
@@ -173,8 +183,8 @@ def assert_shows(message: Any, pose: Pose, frame: str) -> None:
 
 
 def test_a_viewer_decodes_the_pose_that_was_published_over_zenoh(endpoint: str) -> None:
-    with serving(endpoint) as port, publishing("rover1", endpoint, session_of("rover1")) as publish:
-        with viewing(port) as viewer:
+    with serving(listen=[endpoint]) as served, publishing(SESSION, connect=[endpoint]) as publish:
+        with viewing(served.port) as viewer:
             viewer.subscribe("/rover1/vehicle/pose", "/rover1/state", "/rover1/tf_static", "/rover1/session")
             assert viewer.message("/rover1/session")[1]["vehicle"] == "rover1"
             publish(STATE)
@@ -191,29 +201,23 @@ def test_a_viewer_decodes_the_pose_that_was_published_over_zenoh(endpoint: str) 
             for topic in CHANNELS:
                 viewer.learn(f"/rover1/{topic}")
             assert len(viewer.channels) == len(CHANNELS)
-        with viewing(port) as late:  # it is told what was said before it came
+        with viewing(served.port) as late:  # it is told what was said before it came
             late.subscribe("/rover1/tf_static", "/rover1/vehicle/pose", "/rover1/session")
             assert len(late.message("/rover1/tf_static")[1]["transforms"]) == 3
             assert_shows(late.message("/rover1/vehicle/pose")[1], POSE, "rover1/map")
 
 
-def test_a_bridge_that_comes_late_asks_for_the_session(endpoint: str) -> None:
-    """The vehicle listens; its session record is long gone when the bridge connects."""
-    sink = ZenohSink("rover1", listen=[endpoint])
-    sink.offer(Sample("session", 0, msgspec.json.encode(session_of("rover1"))))
-    sink.start()
-    try:
-        ground = zenoh.open(zenoh_config(connect=[endpoint]))
-        arrivals = Arrivals(ground)
-        found: list[tuple[str, Record]] = []
-        waiting = threading.Event()
-        while not found:
-            found += arrivals.take()
-            waiting.wait(0.01)
-        close_quietly(ground)
-    finally:
-        sink.close(DEADLINE_S)
-    assert found == [("rover1", session_of("rover1"))]
+def test_a_bridge_that_comes_late_learns_the_session_and_shows_nothing_old(endpoint: str) -> None:
+    with (
+        publishing(SESSION, event(1), listen=[endpoint]) as publish,  # to nobody
+        serving(connect=[endpoint], only="rover1") as served,
+        viewing(served.port) as viewer,
+    ):
+        viewer.subscribe("/session", "/event")
+        assert viewer.message("/session")[1]["session_id"] == SESSION.session_id
+        publish(event(2))
+        assert viewer.message("/event")[1]["text"] == "2"
+    assert served.said == ["rover1 is here"]
 
 
 def test_the_channels_have_their_schemas() -> None:
@@ -273,20 +277,27 @@ def test_what_comes_before_the_session_is_not_shown_and_a_new_session_begins_ane
         assert viewer.message("/rover1/event")[1]["text"] == "2"  # nothing of the run before
 
 
-@pytest.mark.parametrize("key", ["guidance/rover1/state", "guidance/rover1/nonsense", "guidance/-x/event"])
-@pytest.mark.parametrize("payload", [b"", b"\xff\xfe", b'{"t_ns":1}', b"[" * 10_000])
-def test_garbage_on_the_keys_is_passed_over(endpoint: str, key: str, payload: bytes) -> None:
-    with zenoh.open(zenoh_config(listen=[endpoint])) as session:
-        arrivals = Arrivals(session)
-        session.put(key, payload)
-        session.put("guidance/-x/event", msgspec.json.encode(event(3)))
-        session.put("guidance/rover1/event", msgspec.json.encode(event(3)))
+def test_what_is_no_record_is_passed_over_and_named_once(endpoint: str) -> None:
+    with (
+        serving(listen=[endpoint]) as served,
+        publishing(SESSION, connect=[endpoint]) as publish,
+        viewing(served.port) as viewer,
+        zenoh.open(zenoh_config(connect=[endpoint])) as stranger,
+    ):
+        viewer.subscribe("/rover1/event")
+        newer = zenoh.Encoding.APPLICATION_JSON.with_schema("guidance.Event/2")
         waiting = threading.Event()
-        found: list[tuple[str, Record]] = []
-        while not found:
-            found += arrivals.take()
-            waiting.wait(0.005)
-        assert found == [("rover1", event(3))]
+        while sum("passed over" in text for text in served.said) < 3:
+            stranger.put("guidance/rover1/event", b"\xff", encoding=encoding("event"))
+            stranger.put("guidance/rover1/event", b"{}", encoding=newer)
+            stranger.put("guidance/-x/event", b"{}", encoding=newer)
+            waiting.wait(0.01)
+        publish(event(7))
+        assert viewer.message("/rover1/event")[1]["text"] == "7"
+    said = [text for text in served.said if "passed over" in text]
+    assert len(said) == 3, served.said
+    assert sum("schema version 2" in text for text in said) == 1
+    assert sum("garbage" in text for text in said) == 1
 
 
 @pytest.mark.parametrize("t_ns", [-(10**30), -1, 2**63, 10**30])
@@ -308,20 +319,20 @@ def test_a_port_in_use_is_named() -> None:
         Bridge("127.0.0.1", bridge.port)
 
 
+def encoding(topic: str) -> zenoh.Encoding:
+    return zenoh.Encoding.APPLICATION_JSON.with_schema(encoding_schema(topic))
+
+
 def call(*arguments: str) -> tuple[int, str]:
     result = CliRunner().invoke(app, ["foxglove", *arguments], catch_exceptions=False)
     return result.exit_code, result.stderr
 
 
 def test_the_command_refuses_in_words() -> None:
-    assert call() == (
-        2,
-        "guidance: where are the vehicles? Name a router or vehicle with --connect, or --listen for them\n",
-    )
     status, said = call("--connect", "rubbish")
     assert (status, "connect/endpoints" in said) == (2, True)
-    status, said = call("--connect", "tcp/127.0.0.1:1", "--vehicle", "a/*")
-    assert (status, "letters, digits" in said) == (2, True)
+    status, said = call("--vehicle", "a/*")
+    assert (status, said) == (2, "guidance: --vehicle 'a/*': a name has 1 to 64 letters, digits and _.-\n")
     with closing(Bridge("127.0.0.1", 0)) as bridge:
         status, said = call("--connect", "tcp/127.0.0.1:1", "--port", str(bridge.port))
     assert (status, "already in use" in said) == (1, True)
@@ -329,21 +340,36 @@ def test_the_command_refuses_in_words() -> None:
 
 def test_without_the_sdk_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    monkeypatch.delitem(sys.modules, "guidance.telemetry.foxglove_bridge")
-    assert call("--listen", "tcp/127.0.0.1:0") == (
-        2,
-        "guidance: the Foxglove SDK is missing: pip install 'se3-guidance[foxglove]'\n",
-    )
+    for module in ("guidance.bridge", "guidance.telemetry.foxglove_bridge"):
+        monkeypatch.delitem(sys.modules, module)
+    assert call() == (2, "guidance: the Foxglove SDK is missing: pip install 'se3-guidance[foxglove]'\n")
 
 
-def test_the_command_bridges_until_it_is_interrupted(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
+def test_the_command_bridges_until_a_signal_comes(endpoint: str) -> None:
+    """As a process, which ends in order and at once."""
+    command = [sys.executable, "-m", "guidance", "foxglove", "--listen", endpoint, "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            port = int(process.stderr.readline().split("ws://127.0.0.1:")[1].split(":")[0])
+            with viewing(port):
+                process.send_signal(signal.SIGTERM)
+                process.stderr.read()
+            assert process.wait(DEADLINE_S) == 128 + signal.SIGTERM
+        finally:
+            process.kill()
 
-    def interrupted(config: zenoh.Config, **settings: Any) -> None:
-        asked.update(settings, listen=json.loads(config.get_json("listen/endpoints")))
-        raise KeyboardInterrupt
 
-    monkeypatch.setattr(foxglove_bridge, "serve", interrupted)
-    status, said = call("--listen", endpoint, "--vehicle", "uuv-1", "--port", "0")
-    assert (status, said) == (0, "stopped\n")
-    assert (asked["listen"], asked["only"], asked["port"]) == ([endpoint], "uuv-1", 0)
+def test_trouble_with_zenoh_is_told_when_it_comes_and_when_it_goes() -> None:
+    troubles = iter(["opening a session", "", "", "no session: refused", "no session: refused", "", ""])
+    subscriber: Any = SimpleNamespace(trouble=next(troubles), take=list)
+
+    def stopping(_: float) -> bool:
+        trouble = next(troubles, None)
+        subscriber.trouble = trouble
+        return trouble is None
+
+    said: list[str] = []
+    with closing(Bridge("127.0.0.1", 0)) as bridge:
+        serve(subscriber, bridge, said.append, stopping)
+    assert said == ["zenoh: no session: refused", "zenoh: a session is open again"]

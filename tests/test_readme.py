@@ -130,16 +130,17 @@ def test_campaigns_run(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("command", FOXGLOVE)
 def test_foxglove_is_bridged_to(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The bridge itself is seen by a viewer in test_foxglove_bridge; here nothing listens for long."""
-    ran = []
+    """The bridge itself is seen by a viewer in test_foxglove_bridge; here nothing listens."""
+    shown = []
 
-    def run(_: object, **settings: object) -> None:
-        ran.append(settings["only"])
+    def run(**settings: object) -> int:
+        shown.append(settings["vehicle"])
+        return 0
 
-    monkeypatch.setattr("guidance.telemetry.foxglove_bridge.serve", run)
+    monkeypatch.setattr("guidance.bridge.bridge", run)
     outcome = CliRunner().invoke(guidance_cli.app, words(command))
     assert outcome.exit_code == 0, outcome.output
-    assert ran == [tomllib.loads((ROOT / "deploy" / "px4-uuv.toml").read_text())["vehicle"]["name"]]
+    assert shown == [tomllib.loads((ROOT / "deploy" / "px4-uuv.toml").read_text())["vehicle"]["name"]]
 
 
 @pytest.mark.parametrize("command", PAPER)

@@ -1,34 +1,27 @@
 """The live view: what vehicles publish over zenoh, on a WebSocket for Foxglove and Lichtblick.
 
-Needs the extra `foxglove`, which a vehicle does not. Everything but the network happens in the caller's
-thread: records are taken from zenoh's rings, and a viewer that joins is given the last message of each topic
-in the next turn. A viewer that is too slow loses messages in the SDK, by its own bounded backlog.
+Needs the extra `foxglove`, which a vehicle does not. Messages are made in the caller's thread; a viewer that
+joins is given the last one of each topic in the next turn, and one that is too slow loses messages in the
+SDK, by its bounded backlog.
 """
 
 from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Final, NamedTuple
 
 import foxglove as sdk
 import msgspec
-import zenoh
 from foxglove.websocket import ChannelView, Client, ServerListener
 
 from guidance.records import LOG_ONLY, TOPICS, Record, Session
 from guidance.telemetry.foxglove_view import SHOWN, View
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.schema import RECORDS, json_schema, schema_name, schema_of, well_known_name
-from guidance.telemetry.zenoh_sink import close_quietly
 
-TURN_S: Final = 0.02
-_RING: Final = 8192
 _WAITING_VIEWERS: Final = 4096
 _LAST_NS: Final = (1 << 63) - 1  # what a viewer can hold of a time, whatever a stranger's record says
-_VEHICLE: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 #: What is advertised of each vehicle: topic without a slash -> name and JSON Schema.
 CHANNELS: Final[dict[str, tuple[str, bytes]]] = {
@@ -150,87 +143,3 @@ class Bridge:
         time_ns = min(max(0, sample.t_ns + shown.session.unix_offset_ns), _LAST_NS)
         self._last[channel.id()] = (channel, sample.payload, time_ns)
         channel.log(sample.payload, log_time=time_ns)
-
-
-class Arrivals:
-    """The records of one or all vehicles as zenoh brings them; what is no record is passed over.
-
-    When a vehicle's liveliness token appears, its session record is asked for: it is published only once.
-    """
-
-    def __init__(self, session: zenoh.Session, vehicle: str = "*") -> None:
-        ring = zenoh.handlers.RingChannel
-        self._session = session
-        self._records = session.declare_subscriber(f"guidance/{vehicle}/*", ring(_RING))
-        self._tokens = session.liveliness().declare_subscriber(
-            f"guidance/{vehicle}/alive", ring(_RING), history=True
-        )
-        self._replies: deque[zenoh.Reply] = deque(maxlen=_RING)
-        self._decoders = {topic: msgspec.json.Decoder(RECORDS[topic]) for topic in RECORDS}
-
-    def take(self) -> Iterator[tuple[str, Record]]:
-        """Vehicle and record, sessions first; never waits."""
-        while (token := self._tokens.try_recv()) is not None:
-            vehicle = str(token.key_expr).split("/")[1]
-            if token.kind == zenoh.SampleKind.PUT and _VEHICLE.fullmatch(vehicle):
-                self._session.get(f"guidance/{vehicle}/{TOPICS[Session]}", self._replies.append)
-        while self._replies:
-            reply = self._replies.popleft().ok
-            if reply is not None:
-                yield from self._read(reply)
-        for _ in range(_RING):
-            sample = self._records.try_recv()
-            if sample is None:
-                return
-            yield from self._read(sample)
-
-    def _read(self, sample: zenoh.Sample) -> Iterator[tuple[str, Record]]:
-        _, vehicle, topic = str(sample.key_expr).split("/", 2)
-        if topic not in self._decoders or topic in LOG_ONLY or not _VEHICLE.fullmatch(vehicle):
-            return
-        try:
-            yield vehicle, self._decoders[topic].decode(sample.payload.to_bytes())
-        except (msgspec.MsgspecError, UnicodeDecodeError):
-            return
-
-
-@contextmanager
-def arrivals(config: zenoh.Config, vehicle: str) -> Iterator[Arrivals]:
-    """Connected for the length of the block; BridgeError if that does not work."""
-    try:
-        session = zenoh.open(config)
-    except zenoh.ZError as error:
-        raise BridgeError(f"zenoh: cannot open a session: {error}") from error
-    try:
-        yield Arrivals(session, vehicle)
-    finally:
-        close_quietly(session)
-
-
-def serve(
-    config: zenoh.Config,
-    *,
-    host: str,
-    port: int,
-    only: str,
-    say: Callable[[str], None],
-    wait: Callable[[float], object],
-) -> None:
-    """Bridge until `wait(TURN_S)`, called between turns, returns something true.
-
-    Raises:
-        ValueError: `only` is no name of a vehicle.
-        BridgeError: it cannot listen, or zenoh has no session.
-    """
-    if only and not _VEHICLE.fullmatch(only):
-        raise ValueError(f"vehicle = {only!r}: 1 to 64 letters, digits, _ . -")
-    bridge = Bridge(host, port, only)
-    try:
-        with arrivals(config, only or "*") as source:
-            say(f"Foxglove WebSocket at ws://{host}:{bridge.port}: open a connection to it in the viewer")
-            while not wait(TURN_S):
-                for vehicle, record in source.take():
-                    bridge.take(vehicle, record)
-                bridge.welcome()
-    finally:
-        bridge.close()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
@@ -19,8 +17,6 @@ import pytest
 import zenoh
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
-from websockets.sync.client import ClientConnection, connect
-from websockets.typing import Subprotocol
 
 from guidance.bridge import serve
 from guidance.cli import app
@@ -28,19 +24,18 @@ from guidance.records import LOG_ONLY, TOPICS, Event, Level, Record, Session
 from guidance.se3 import Pose, Quaternion, Vec3, from_euler
 from guidance.service import new_session
 from guidance.telemetry import Sample
+from guidance.telemetry.arrivals import Ignored
 from guidance.telemetry.foxglove_bridge import CHANNELS, Bridge, BridgeError
 from guidance.telemetry.foxglove_view import SHOWN
 from guidance.telemetry.schema import encoding_schema, json_schema, schema_of
 from guidance.telemetry.subscriber import Subscriber
 from guidance.telemetry.zenoh_sink import ZenohSink, zenoh_config
+from tests.foxglove_viewer import DEADLINE_S, viewing
 from tests.helpers import make_config
 from tests.test_foxglove import ENU_OF_NED, FLU_OF_FRD, ROUNDING, reference, state
 from tests.test_se3 import rotation_matrix
 
-DEADLINE_S: Final = 20.0
 Endpoints = Sequence[str]
-SUBPROTOCOL: Final = Subprotocol("foxglove.sdk.v1")
-_MESSAGE: Final = struct.Struct("<BIQ")  # opcode, subscription, log time; the payload follows
 POSE: Final = Pose(Vec3(3.0, 4.0, -5.0), from_euler(0.1, 0.2, 0.3))
 STATE: Final = state(POSE, Vec3(1.0, 0.0, 0.0), 5_000_000_000)
 
@@ -62,64 +57,6 @@ SESSION: Final = session_of("rover1")
 
 def event(number: int) -> Event:
     return Event(t_ns=number, level=Level.INFO, code="test", text=str(number))
-
-
-class Viewer:
-    """What a viewer does: learns what is advertised, subscribes, takes messages."""
-
-    def __init__(self, connection: ClientConnection) -> None:
-        self._connection = connection
-        self.channels: dict[str, dict[str, Any]] = {}
-        self._messages: list[tuple[str, int, Any]] = []
-        self._subscriptions: dict[int, str] = {}
-        assert self._json()["op"] == "serverInfo"
-
-    def _json(self) -> Any:
-        while isinstance(frame := self._connection.recv(timeout=DEADLINE_S), bytes):
-            self._keep(frame)
-        return json.loads(frame)
-
-    def _keep(self, frame: bytes) -> None:
-        opcode, subscription, time_ns = _MESSAGE.unpack_from(frame)
-        assert opcode == 1
-        content = json.loads(frame[_MESSAGE.size :])
-        self._messages.append((self._subscriptions[subscription], time_ns, content))
-
-    def learn(self, topic: str) -> dict[str, Any]:
-        """The channel of `topic`, as soon as it is advertised."""
-        while topic not in self.channels:
-            told = self._json()
-            assert told["op"] == "advertise"
-            self.channels |= {channel["topic"]: channel for channel in told["channels"]}
-        return self.channels[topic]
-
-    def subscribe(self, *topics: str) -> None:
-        wanted = []
-        for topic in topics:
-            number = len(self._subscriptions) + 1
-            self._subscriptions[number] = topic
-            wanted.append({"id": number, "channelId": self.learn(topic)["id"]})
-        self._connection.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-
-    def message(self, topic: str) -> tuple[int, Any]:
-        """Log time and content of the next message of `topic`."""
-        while True:
-            for index, (name, time_ns, content) in enumerate(self._messages):
-                if name == topic:
-                    del self._messages[index]
-                    return time_ns, content
-            frame = self._connection.recv(timeout=DEADLINE_S)
-            if isinstance(frame, bytes):
-                self._keep(frame)
-            else:
-                self.channels |= {channel["topic"]: channel for channel in json.loads(frame)["channels"]}
-
-
-@contextmanager
-def viewing(port: int) -> Iterator[Viewer]:
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=[SUBPROTOCOL]) as connection:
-        assert connection.subprotocol == SUBPROTOCOL
-        yield Viewer(connection)
 
 
 class Served(NamedTuple):
@@ -373,3 +310,26 @@ def test_trouble_with_zenoh_is_told_when_it_comes_and_when_it_goes() -> None:
     with closing(Bridge("127.0.0.1", 0)) as bridge:
         serve(subscriber, bridge, said.append, stopping)
     assert said == ["zenoh: no session: refused", "zenoh: a session is open again"]
+
+
+def test_a_stranger_who_thinks_of_ever_new_things_fills_no_screen() -> None:
+    ignored = [Ignored(0, "rover1", f"schema version {number}") for number in range(1000)]
+    subscriber: Any = SimpleNamespace(trouble="", take=lambda: ignored)
+    said: list[str] = []
+    with closing(Bridge("127.0.0.1", 0)) as bridge:
+        serve(subscriber, bridge, said.append, lambda _: bool(said))
+    assert 3 < len(said) < 50
+
+
+def test_who_is_there_already_is_told_nothing_twice() -> None:
+    with closing(Bridge("127.0.0.1", 0)) as bridge, viewing(bridge.port) as first:
+        bridge.take("rover1", SESSION)
+        bridge.take("rover1", event(1))
+        first.subscribe("/rover1/event")
+        welcome(bridge)
+        with viewing(bridge.port) as second:
+            second.subscribe("/rover1/event")
+            welcome(bridge)
+            assert second.message("/rover1/event")[1]["text"] == "1"
+        bridge.take("rover1", event(2))
+        assert [first.message("/rover1/event")[1]["text"] for _ in range(2)] == ["1", "2"]

@@ -12,7 +12,6 @@ from guidance.records import TOPICS, Event, Level, Record, Reference, State
 from guidance.se3 import IDENTITY, Pose, Vec3
 from guidance.telemetry import Sample
 from guidance.telemetry.foxglove_view import (
-    JUMP_M,
     PATH_POSES,
     PATH_SPACING_MAX_NS,
     SHOWN,
@@ -158,17 +157,12 @@ def test_both_paths_begin_with_the_trajectory_and_again_with_the_next() -> None:
     assert paths(made, "reference/path")[-1][0] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("to_m", "speed_m_s", "begins_anew"),
-    [(1.0 + JUMP_M, 1.0, True), (0.9 * JUMP_M, 1.0, False), (3.9, 20.0, False), (-50.0, 1.0, True)],
-)
-def test_a_path_begins_anew_where_the_estimator_jumped(
-    to_m: float, speed_m_s: float, begins_anew: bool
-) -> None:
+@pytest.mark.parametrize("resets", [0, 1])
+def test_a_path_begins_anew_where_the_estimator_was_reset(resets: int) -> None:
     view = View(OFFSET_NS)
-    shown(view, *[at(n * S // 10, 0.0, speed_m_s) for n in range(10)])
-    made = shown(view, *[at(S + n * S // 10, to_m, speed_m_s) for n in range(11)])
-    assert (0.0 not in paths(made)[-1]) == begins_anew
+    shown(view, *[at(n * S // 10, 0.0) for n in range(10)])
+    later = [msgspec.structs.replace(at(S + n * S // 10, 3.0), resets=resets) for n in range(11)]
+    assert paths(shown(view, *later))[-1][0] == (3.0 if resets else 0.0)
 
 
 def test_a_long_flight_is_thinned_out_evenly_and_its_path_stays_bounded() -> None:

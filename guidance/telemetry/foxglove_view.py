@@ -13,7 +13,6 @@ from typing import Any, Final
 import msgspec
 
 from guidance.records import TOPICS, Event, Record, Reference, State, TrackingError, Triple
-from guidance.se3 import Vec3, norm, subtract
 from guidance.telemetry import foxglove
 from guidance.telemetry.queue import Sample
 
@@ -41,9 +40,6 @@ PATH_POSES: Final = 200
 PATH_SPACING_NS: Final = 100_000_000
 #: They are never farther apart: from then on the oldest one goes, and the path shows the last minutes.
 PATH_SPACING_MAX_NS: Final = 800_000_000
-
-#: A position farther from the last one than this (m) and twice the speed explain comes of a reset.
-JUMP_M: Final = 2.0
 
 
 class Path:
@@ -128,7 +124,7 @@ class View:
         return True
 
     def _of_state(self, state: State) -> list[Sample]:
-        if self._state is not None and _jumped(self._state, state):
+        if self._state is not None and state.resets != self._state.resets:
             self._restart()
         self._state = state
         made = [] if self._follows(state) else self._transforms(state)
@@ -194,10 +190,3 @@ class View:
 
 def _decoder(kind: type[Record]) -> Callable[[bytes], Any]:
     return msgspec.json.Decoder(kind).decode
-
-
-def _jumped(before: State, state: State) -> bool:
-    """Whether the estimator has moved the vehicle, or the clock went back, rather than the vehicle itself."""
-    moved_m = norm(subtract(Vec3(*state.position_ned_m), Vec3(*before.position_ned_m)))
-    speed_m_s = max(norm(Vec3(*before.velocity_ned_m_s)), norm(Vec3(*state.velocity_ned_m_s)))
-    return moved_m > JUMP_M + 2.0 * speed_m_s * max(0, state.t_ns - before.t_ns) * 1e-9

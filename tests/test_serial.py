@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import itertools
 import os
 import subprocess
 import termios
@@ -67,7 +68,7 @@ def test_a_device_that_vanishes_is_said_and_flown_again_when_it_is_back_under_it
             await rig.bell.until(lambda: rig.memory.events("state_tracking"), "a flight")
             await rig.bell.until(lambda: vehicle.count("SET_ATTITUDE_TARGET") > 20, "setpoints")
             before = os.ttyname(port.slave)
-            await unplugged_and_back(rig, vehicle)
+            await unplugged_and_back(rig, vehicle, before)
             assert port.path.readlink() != Path(before)
             vehicle.heard.clear()
             await rig.bell.until(partial(vehicle.count, "TIMESYNC"), "an answer over the new device")
@@ -79,15 +80,17 @@ def test_a_device_that_vanishes_is_said_and_flown_again_when_it_is_back_under_it
         assert len(rig.memory.events("link_up")) == 2
         assert rig.memory.events("link_up")[0] == f"opened {port.path} ({before}) at 921600 baud (serial)"
 
-    async def unplugged_and_back(rig: Rig, vehicle: LineEnd) -> None:
+    async def unplugged_and_back(rig: Rig, vehicle: LineEnd, before: str) -> None:
         vehicle.hang_up()
         port.unplug()
         await rig.bell.until(lambda: len(rig.memory.events("link_down")) > 1, "word of it")
-        other = os.openpty()  # so that the device comes back by another number
+        others = [os.openpty()]  # so that the device comes back by another number
+        while os.ttyname(others[-1][1]) != before and len(others) < 20:  # lower ones may have become free
+            others.append(os.openpty())
         port.plug()
         vehicle.speak_over(port.master)
         await rig.bell.until(lambda: len(rig.memory.events("link_up")) > 1, "the device")
-        for descriptor in other:
+        for descriptor in itertools.chain(*others):
             os.close(descriptor)
 
     runner(main())

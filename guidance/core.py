@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimate, Estimator
-from guidance.mavlink.budget import affords_odometry
+from guidance.intake import streams_at, take_state
 from guidance.mavlink.line import LineWatch
 from guidance.mavlink.link import AutopilotLink, Received
 from guidance.mavlink.messages import (
@@ -38,7 +38,7 @@ from guidance.mavlink.profiles import (
     set_mode_command,
 )
 from guidance.mavlink.report import absence, link_record
-from guidance.mavlink.streams import Stream, wanted_streams
+from guidance.mavlink.streams import Stream
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
@@ -136,15 +136,7 @@ class Guide:
             self._records.append(Packet(t_ns=now_ns, input_seq=event.seq, data=packet))
 
     def _streams_at(self, rate_hz: float) -> list[Stream]:
-        link = self.config.link
-        affordable = affords_odometry(self.connection.capacity_bytes_per_s, rate_hz)
-        return wanted_streams(
-            rate_hz,
-            link.attitude_timeout_s,
-            link.position_timeout_s,
-            self.profile.mode_hz,
-            odometry=self.profile.odometry and affordable,
-        )
+        return streams_at(rate_hz, self.config, self.profile, self.connection)
 
     # Outputs -----------------------------------------------------------------------------------------
 
@@ -195,22 +187,11 @@ class Guide:
             self._watch_ns = now_ns  # look at once, the pilot may have switched
 
     def _take_sample(self, name: str, body: StateBody, now_ns: int) -> None:
-        link = self.link
-        if not link.clock.synced(now_ns):
-            refused: str | None = "before_time_sync"
-        else:
-            instant_ns = link.clock.to_local_ns(body.since_boot_ns)
-            refused = self._estimator.take(body, instant_ns, now_ns, link.origin)
-        stream = link.streams.get(name)
-        if stream is not None:
-            stream.arrived(now_ns, valid=refused is None or refused == "not_needed")
-        if refused is None:
+        if take_state(self.link, self._estimator, name, body, now_ns) is None:
             if self._estimator.news:
                 self._tell_news(now_ns)
             if not isinstance(body, LocalPositionNed | GlobalPositionInt):
                 self._pace.attitude_came(now_ns)
-        elif refused != "not_needed":
-            link.counters[f"{name}:{refused}"] += 1
 
     def _tell_news(self, now_ns: int) -> None:
         """The estimator was reset, or another source is used."""

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from guidance.mavlink.budget import Traffic, frame_bytes
 from guidance.mavlink.line import LineWatch
 from guidance.mavlink.link import AutopilotLink
+from guidance.mavlink.messages import MESSAGE_IDS
 from guidance.records import Event, InputKind, Link
 from sitl.lockstep import Channel
 from tests.helpers import events_of, fly_until_tracking, make_flight, records_of
@@ -75,23 +76,37 @@ def test_traffic_is_that_of_the_last_second() -> None:
 
 
 @pytest.mark.parametrize(
-    ("connection", "cause"),
-    [("", "another program may have reset it; it is asked for again"), (serial(115200), "the line is full")],
+    ("connection", "stream", "cause"),
+    [
+        ("", "ODOMETRY", "another program may have reset it; it is asked for again"),
+        (serial(115200), "LOCAL_POSITION_NED", "the line is full"),
+    ],
 )
-def test_a_stream_that_falls_back_is_named_once(connection: str, cause: str) -> None:
+def test_a_stream_that_falls_back_is_named_once(connection: str, stream: str, cause: str) -> None:
     flight = make_flight(*filter(None, [connection]))
     fly_until_tracking(flight)
     flight.run(2.0)
     assert events_of(flight, "rate_fell") == []
-    lose_most_positions(flight)
+    lose_most(stream, flight)
     full = b"\0" * 1300 if connection else b""
     for _ in range(40):
         flight.run(0.1)
         flight.inject(full)
     (fallen,) = events_of(flight, "rate_fell")
-    assert fallen.startswith("LOCAL_POSITION_NED fell back to ")
+    assert fallen.startswith(f"{stream} fell back to ")
     assert "Hz of 50: " in fallen
     assert cause in fallen
+
+
+def test_a_stream_that_is_not_needed_may_fall() -> None:
+    flight = make_flight()
+    fly_until_tracking(flight)
+    flight.run(2.0)
+    assert flight.guide.link.streams["LOCAL_POSITION_NED"].status(flight.now_ns).at_rate
+    lose_most("LOCAL_POSITION_NED", flight)
+    flight.run(4.0)
+    assert not flight.guide.link.streams["LOCAL_POSITION_NED"].status(flight.now_ns).at_rate
+    assert events_of(flight, "rate_fell") == []
 
 
 def test_a_short_dip_of_a_rate_is_nothing_to_tell() -> None:
@@ -102,15 +117,16 @@ def test_a_short_dip_of_a_rate_is_nothing_to_tell() -> None:
     low = replace(record, streams=tuple(replace(s, at_rate=False) for s in record.streams))
     watch = LineWatch(flight.guide.connection, 50.0, lambda hz: [])
     told = [len(watch.news(each, link)) for each in (low, low, record, low, record, low, low, low)]
-    assert told == [0, 0, 0, 0, 0, 0, sum(s.at_rate for s in record.streams), 0]
+    assert told == [0, 0, 0, 0, 0, 0, 1, 0]  # one stream is needed for its rate: ODOMETRY
 
 
-def lose_most_positions(flight: Any) -> None:
-    """Every eighth LOCAL_POSITION_NED gets through, as after another program asked for a lower rate."""
+def lose_most(stream: str, flight: Any) -> None:
+    """Every eighth message of it gets through, as after another program asked for a lower rate."""
     receive, count = flight.guide.receive, [0]
+    message_id = MESSAGE_IDS[stream].to_bytes(3, "little")
 
     def thinned(data: bytes, now_ns: int) -> None:
-        if data[7:10] == b"\x20\0\0":
+        if data[7:10] == message_id:
             count[0] += 1
             if count[0] % 8:
                 return

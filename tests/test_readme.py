@@ -41,6 +41,7 @@ INSTALL_AND_TEST = (
 BY_HAND = [c for c in COMMANDS if c.startswith(".venv/bin/sitl vehicle") or "run --config" in c]
 DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]
 REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
+CHECKS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance check")]
 WATCHES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance watch")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
 FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
@@ -57,7 +58,18 @@ def words(command: str) -> list[str]:
 
 def test_every_command_is_run_by_a_test_here() -> None:
     assert sorted(COMMANDS) == sorted(
-        [*BY_HAND, *DEMOS, *REPLAYS, *WATCHES, *PAPER, *CAMPAIGNS, *FOXGLOVE, *ON_THE_VEHICLE, *OTHERS]
+        [
+            *BY_HAND,
+            *DEMOS,
+            *CHECKS,
+            *REPLAYS,
+            *WATCHES,
+            *PAPER,
+            *CAMPAIGNS,
+            *FOXGLOVE,
+            *ON_THE_VEHICLE,
+            *OTHERS,
+        ]
     )
     assert len(DEMOS) >= 3
     assert len(BY_HAND) >= 3
@@ -90,6 +102,14 @@ def test_each_demo_is_accepted_and_flies_in_lockstep(command: str, monkeypatch: 
     monkeypatch.setattr(guidance.demo, "fly", fly)
     outcome = CliRunner().invoke(guidance_cli.app, words(command))
     assert outcome.exit_code == 0, outcome.output
+
+
+@pytest.mark.parametrize("command", CHECKS)
+def test_a_check_without_a_vehicle_says_so(command: str, tmp_path: Path) -> None:
+    silent = ["--set", "link.connection=udpin://127.0.0.1:0", "--set", f"log.directory={tmp_path}"]
+    outcome = CliRunner().invoke(guidance_cli.app, [*words(command), *silent, "--seconds", "1"])
+    assert outcome.exit_code == 1, outcome.output
+    assert "no bytes yet" in outcome.output
 
 
 @pytest.mark.parametrize("command", REPLAYS)

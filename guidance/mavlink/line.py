@@ -51,7 +51,7 @@ class LineWatch:
 
     def news(self, record: Link, link: AutopilotLink) -> list[Event]:
         """What has come to be wrong since the last record."""
-        news = [_warning(record.t_ns, "rate_fell", text) for text in self._fallen(record)]
+        news = [_warning(record.t_ns, "rate_fell", text) for text in self._fallen(record, link)]
         before, self._twins = self._twins, link.twins.seen(record.t_ns)
         if self._twins and not before:
             text = (
@@ -65,14 +65,15 @@ class LineWatch:
     def _needed_at(self, rate_hz: float) -> float:
         return needed_bytes_per_s(self._streams_at(rate_hz), rate_hz)
 
-    def _fallen(self, record: Link) -> list[str]:
-        """The streams that came at their rate, and by two records running come below it."""
+    def _fallen(self, record: Link, link: AutopilotLink) -> list[str]:
+        """The needed streams that came at their rate, and by two records running come below it."""
         capacity = record.capacity_bytes_per_s
         if capacity is not None and record.received_bytes_per_s >= FULL * capacity:
             cause = f"the line is full, with {record.received_bytes_per_s:.0f} bytes/s"
         else:
             cause = "another program may have reset it; it is asked for again"
-        below = {s.message for s in record.streams if s.alive and not s.at_rate}
+        needed = {s.message for s in link.streams.all() if link.streams.needed(s, record.t_ns)}
+        below = needed & {s.message for s in record.streams if s.alive and not s.at_rate}
         fallen = below & self._below & self._were_at_rate
         self._below = below
         self._were_at_rate -= fallen

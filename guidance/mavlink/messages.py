@@ -177,6 +177,34 @@ class StatusText(NamedTuple):
     text: bytes
 
 
+class SysStatus(NamedTuple):
+    """SYS_STATUS (1): bits of MAV_SYS_STATUS_SENSOR."""
+
+    onboard_control_sensors_present: int
+    onboard_control_sensors_enabled: int
+    onboard_control_sensors_health: int
+
+
+class EstimatorStatus(NamedTuple):
+    """ESTIMATOR_STATUS (230) of PX4: bits of ESTIMATOR_STATUS_FLAGS."""
+
+    flags: int
+
+
+class EkfStatusReport(NamedTuple):
+    """EKF_STATUS_REPORT (193) of ArduPilot: bits of EKF_STATUS_FLAGS, the lower ten as in the other."""
+
+    flags: int
+
+
+class ParamValue(NamedTuple):
+    """PARAM_VALUE (22): `param_value` is its four bytes, which need not be those of a float."""
+
+    param_value: bytes
+    param_id: bytes
+    param_type: int
+
+
 class NamedValueFloat(NamedTuple):
     """NAMED_VALUE_FLOAT (251): what a script on the autopilot wants to say."""
 
@@ -207,6 +235,10 @@ Body = (
     | CommandAck
     | AutopilotVersion
     | StatusText
+    | SysStatus
+    | EstimatorStatus
+    | EkfStatusReport
+    | ParamValue
     | NamedValueFloat
     | CurrentMode
 )
@@ -224,6 +256,10 @@ _READ: Final[dict[str, type[Body]]] = {
     "COMMAND_ACK": CommandAck,
     "AUTOPILOT_VERSION": AutopilotVersion,
     "STATUSTEXT": StatusText,
+    "SYS_STATUS": SysStatus,
+    "ESTIMATOR_STATUS": EstimatorStatus,
+    "EKF_STATUS_REPORT": EkfStatusReport,
+    "PARAM_VALUE": ParamValue,
     "NAMED_VALUE_FLOAT": NamedValueFloat,
     "CURRENT_MODE": CurrentMode,
 }
@@ -264,11 +300,20 @@ def _decoder(message: Any, make: type[Body]) -> Callable[[bytes], Body]:
     return decode
 
 
+_PARAM_VALUE: Final = Struct("<4s2x2x16sB")
+
+
+def _param_value(payload: bytes) -> ParamValue:
+    """Apart, as a float that passes through Python does not keep the bits of every integer."""
+    size = _PARAM_VALUE.size
+    return ParamValue(*_PARAM_VALUE.unpack(payload[:size].ljust(size, b"\0")))
+
+
 #: Message id -> decoder of its payload.
 DECODERS: Final[dict[int, Callable[[bytes], Body]]] = {
     message_id: _decoder(dialect.mavlink_map[message_id], _READ[name])
     for name, message_id in MESSAGE_IDS.items()
-}
+} | {MESSAGE_IDS["PARAM_VALUE"]: _param_value}
 
 #: Message id -> CRC_EXTRA, for every message of the dialect.
 CRC_EXTRA: Final[dict[int, int]] = {

@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
+from guidance.mavlink.requirements import PX4_OFFBOARD, ROVER_GUIDED, Requirement
 
 _IGNORE_ROLL_RATE: Final = 1
 _IGNORE_PITCH_RATE: Final = 2
@@ -49,7 +50,9 @@ class Profile(NamedTuple):
     setpoints already arrive, and that a resumed stream takes control back. After `stream_timeout_s` without
     a setpoint the autopilot acts by itself (`on_timeout`). The neutral setpoint is zero rates and
     `thrust_neutral`: it asks the vehicle to stay as it is. `odometry` says that ODOMETRY can be asked
-    for. `project` is how it makes a local position of latitude and longitude.
+    for. `project` is how it makes a local position of latitude and longitude. `requirements` are what its
+    parameters must be; integers among these come `parameters_bytewise`, or by value. `estimator` names what
+    tells its health.
     """
 
     name: str
@@ -69,6 +72,9 @@ class Profile(NamedTuple):
     mode_hz: float
     odometry: bool
     project: Projection
+    requirements: tuple[Requirement, ...]
+    parameters_bytewise: bool
+    estimator: str
 
     def mode(self, name: str) -> Mode | None:
         """The mode of that name, None if this firmware has none."""
@@ -116,6 +122,9 @@ PROFILES: Final[dict[str, Profile]] = {
             mode_hz=10.0,  # HEARTBEAT shows a mode change up to 1 s late, and only CURRENT_MODE the intended
             odometry=True,
             project=azimuthal_equidistant,
+            requirements=PX4_OFFBOARD,
+            parameters_bytewise=True,
+            estimator="ESTIMATOR_STATUS",
         ),
         Profile(
             name="ardupilot-rover",
@@ -150,6 +159,9 @@ PROFILES: Final[dict[str, Profile]] = {
             mode_hz=0.0,  # HEARTBEAT comes at once with a mode change
             odometry=False,  # not in its table of messages (`GCS_Common.cpp`): every rate is refused
             project=equirectangular,
+            requirements=ROVER_GUIDED,
+            parameters_bytewise=False,
+            estimator="EKF_STATUS_REPORT",
         ),
     )
 }

@@ -20,9 +20,9 @@ def link_record(link: AutopilotLink, now_ns: int) -> Link:
         t_ns=now_ns,
         connected=link.connected(now_ns),
         heartbeat_age_s=None if beat is None else (now_ns - link.heartbeat_ns) * 1e-9,
-        autopilot="" if beat is None else _enum_name("MAV_AUTOPILOT", beat.autopilot),
-        vehicle_type="" if beat is None else _enum_name("MAV_TYPE", beat.type),
-        autopilot_version="" if version is None else _version(version.flight_sw_version),
+        autopilot="" if beat is None else enum_name("MAV_AUTOPILOT", beat.autopilot),
+        vehicle_type="" if beat is None else enum_name("MAV_TYPE", beat.type),
+        autopilot_version="" if version is None else version_text(version.flight_sw_version),
         autopilot_uid="" if version is None else f"{version.uid:016x}",
         received=link.received,
         lost=link.sequence.lost,
@@ -52,7 +52,7 @@ def absence(link: AutopilotLink, scheme: str) -> str:
         return f"heard: {link.company}, no heartbeat of {wanted}: {_instead(link)}"
     if link.received:
         return f"packets of {wanted}, but no heartbeat of an autopilot yet"
-    if not link.company.frames or _is_garbage(link.bytes_received, link.reader.counters["garbage_bytes"]):
+    if not link.company.frames or is_garbage(link.bytes_received, link.reader.counters["garbage_bytes"]):
         return f"{link.bytes_received} bytes and no MAVLink frame: {_GARBAGE[scheme]}"
     return f"{link.bytes_received} bytes, but no heartbeat of {wanted}: does the router forward it?"
 
@@ -78,14 +78,15 @@ _GARBAGE_PART: Final = 0.9
 _GARBAGE_MIN_BYTES: Final = 200
 
 
-def _is_garbage(total_bytes: int, garbage_bytes: int) -> bool:
+def is_garbage(total_bytes: int, garbage_bytes: int) -> bool:
+    """Whether what came is not MAVLink, but for what may look like it by chance."""
     return total_bytes >= _GARBAGE_MIN_BYTES and garbage_bytes > _GARBAGE_PART * total_bytes
 
 
 def _since_heartbeat(link: AutopilotLink, scheme: str) -> str:
     total, garbage = link.bytes_at_heartbeat
     came = link.bytes_received - total
-    if _is_garbage(came, link.reader.counters["garbage_bytes"] - garbage):
+    if is_garbage(came, link.reader.counters["garbage_bytes"] - garbage):
         return f"{came} bytes since, and hardly a MAVLink frame: {_GARBAGE[scheme]}"
     return "is the autopilot on, does the link stand?"
 
@@ -104,10 +105,12 @@ def _instead(link: AutopilotLink) -> str:
     return "is vehicle.system_id right, does the router forward the autopilot's packets?"
 
 
-def _enum_name(enum: str, value: int) -> str:
+def enum_name(enum: str, value: int) -> str:
+    """As the dialect calls it, or the number if it does not know it."""
     entry = dialect.enums[enum].get(value)
     return str(value) if entry is None else str(entry.name)
 
 
-def _version(packed: int) -> str:
+def version_text(packed: int) -> str:
+    """MAJOR.MINOR.PATCH of a `flight_sw_version`."""
     return f"{packed >> 24 & 255}.{packed >> 16 & 255}.{packed >> 8 & 255}"

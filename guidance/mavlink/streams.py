@@ -59,6 +59,16 @@ class Stream:
         self._usable_ns: int | None = None
         self._first_asked_ns: int | None = None
 
+    @property
+    def insistent(self) -> bool:
+        """Whether the rate matters, and not only that it comes."""
+        return self._insist
+
+    @property
+    def asked_hz(self) -> float:
+        """The rate that is asked for: lower than the wanted one after a refusal."""
+        return self._asked_hz
+
     def reset(self) -> None:
         """The autopilot rebooted or is a new one: its rates are back at its defaults."""
         self._asked_hz = self.wanted_hz
@@ -169,6 +179,10 @@ class Streams:
         """The stream of that message, None if it is not wanted."""
         return self._by_message.get(message)
 
+    def all(self) -> tuple[Stream, ...]:
+        """Each of them, the most wanted first."""
+        return tuple(self._by_message.values())
+
     def reset(self) -> None:
         """Start over with a rebooted autopilot."""
         self._asking = None
@@ -186,14 +200,14 @@ class Streams:
         return self._asking.message, self._asking.ask(now_ns)
 
     def _wanted(self, stream: Stream, now_ns: int) -> bool:
-        return self._needed(stream, now_ns) and stream.due(now_ns)
+        return self.needed(stream, now_ns) and stream.due(now_ns)
 
-    def _needed(self, stream: Stream, now_ns: int) -> bool:
+    def needed(self, stream: Stream, now_ns: int) -> bool:
         """Whether nothing better comes."""
         if stream.instead_of is None:
             return True
         better = self._by_message[stream.instead_of]
-        return better.absent(now_ns) and self._needed(better, now_ns)
+        return better.absent(now_ns) and self.needed(better, now_ns)
 
     def acknowledged(self, accepted: bool, known: bool = True) -> None:
         """COMMAND_ACK of SET_MESSAGE_INTERVAL came; `known` is false if there is no such message."""

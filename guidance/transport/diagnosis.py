@@ -8,8 +8,9 @@ import grp
 import os
 import pwd
 import stat
-from collections.abc import Collection
 from typing import Final
+
+from guidance.transport.processes import Processes
 
 #: Where serial ports of autopilots are found, the lasting names first.
 _PORTS: Final = ("/dev/serial/by-id/*", "/dev/ttyACM*", "/dev/ttyUSB*")
@@ -61,49 +62,12 @@ def not_allowed(path: str) -> str:
 
 def users_of(device: str) -> list[str]:
     """The other programs that have `device` open, as far as this user may see: "name (pid N)"."""
-    return _holders({device})
+    return [str(process) for process in Processes().holding(device)]
 
 
 def users_of_udp_port(port: int) -> list[str]:
     """The programs that have a UDP port, as far as this user may see."""
-    sockets = set()
-    for table in ("/proc/net/udp", "/proc/net/udp6"):
-        try:
-            with open(table, encoding="ascii") as lines:
-                rows = [line.split() for line in lines][1:]
-        except OSError:  # not Linux
-            continue
-        sockets |= {f"socket:[{row[9]}]" for row in rows if int(row[1].rpartition(":")[2], 16) == port}
-    return _holders(sockets)
-
-
-def _holders(targets: Collection[str]) -> list[str]:
-    found = []
-    for process in _listed("/proc"):
-        if not process.isdigit() or int(process) == os.getpid():
-            continue
-        folder = f"/proc/{process}/fd"
-        if any(_target(f"{folder}/{number}") in targets for number in _listed(folder)):
-            try:
-                with open(f"/proc/{process}/comm", encoding="utf-8", errors="replace") as name:
-                    found.append(f"{name.read().strip()} (pid {process})")
-            except OSError:
-                continue  # it has just ended
-    return found
-
-
-def _listed(folder: str) -> list[str]:
-    try:
-        return os.listdir(folder)
-    except OSError:  # another user's, or gone
-        return []
-
-
-def _target(link: str) -> str:
-    try:
-        return os.readlink(link)
-    except OSError:
-        return ""
+    return [str(process) for process in Processes().on_udp_port(port)]
 
 
 def _number(error: Exception) -> int | None:

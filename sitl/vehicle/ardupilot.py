@@ -82,6 +82,7 @@ class ArduRover(Autopilot):
         "FRAME_CLASS": Parameter(1, INT8),
         "FRAME_TYPE": Parameter(0, INT8),
         "FS_ACTION": Parameter(2, INT8),
+        "FS_GCS_ENABLE": Parameter(0, INT8),
         "GUID_OPTIONS": Parameter(0, INT32),
         "INITIAL_MODE": Parameter(0, INT8),
         **{f"MAV1_{name}": Parameter(1, INT16) for name in STREAM_PARAMETERS.values()},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -91,6 +92,13 @@ class Bench:
         """What fails or is warned of."""
         wrong = (Verdict.FAIL, Verdict.WARN)
         return {name: f for name, f in self.findings(**others).items() if f.verdict in wrong}
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """One that nobody has."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def only(bench: Bench, check: str, verdict: Verdict, **others: Any) -> Finding:

@@ -40,10 +40,8 @@ def state(seen: Seen) -> Iterator[Finding]:
         yield fail("state", estimate, _TO_ESTIMATOR)
         return
     x, y, z = estimate.pose.position
-    yield ok(
-        "state",
-        f"({x:.1f}, {y:.1f}, {z:.1f}) m NED; {estimate.attitude.source}, {estimate.position.source}",
-    )
+    sources = dict.fromkeys((estimate.attitude.source, estimate.position.source))
+    yield ok("state", f"({x:.1f}, {y:.1f}, {z:.1f}) m NED; {', '.join(sources)}")
 
 
 def estimator(seen: Seen) -> Iterator[Finding]:

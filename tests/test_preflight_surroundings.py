@@ -119,8 +119,9 @@ def test_who_has_the_udp_port_is_named(machine: Machine) -> None:
 
 
 def test_a_port_that_is_in_use_is_not_opened(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
-    machine.runs(7, "mavproxy.py", name="mavproxy.py", opens="/dev/ttyUSB0")
+    other = machine.runs(7, "mavproxy.py", name="mavproxy.py", opens="/dev/ttyUSB0")
     machine.runs(os.getpid(), "guidance", "check", name="guidance", opens="/dev/ttyUSB0")
+    assert machine.look("serial:///dev/ttyUSB0").holders == (other,)
     monkeypatch.setattr(run, "open_transport", None)
     config = make_config(
         'link.connection="serial:///dev/ttyUSB0"', "zenoh.enabled=false", "log.enabled=false"

@@ -3,8 +3,9 @@
 A row says between what the value must lie, in numbers or as keys of the configuration, and what follows if it
 does not. Rows without bounds only name what the value means: it is the operator's choice, to be known.
 
-Sources: PX4 `commander_params.c`, `mavlink_params.c` (2025-08); ArduPilot `Rover/Parameters.cpp`,
-`AR_AttitudeControl.cpp`, `GCS_MAVLink` (2025-10).
+Sources: PX4 `commander_params.c`, `mavlink_params.c`; ArduPilot `Rover/Parameters.cpp`,
+`AR_AttitudeControl.cpp`, `GCS_MAVLink`. Not all files were of one release: a meaning that a newer firmware
+changed is to be corrected here.
 """
 
 from __future__ import annotations

@@ -53,6 +53,11 @@ class Network(msgspec.Struct, frozen=True):
         return self.scheme == "tcp"
 
     @property
+    def reliable(self) -> bool:
+        """Whether nothing is lost on the way: what is not answered waits to be read, and will be."""
+        return self.scheme == "tcp"
+
+    @property
     def capacity_bytes_per_s(self) -> None:
         """What it can carry is not known."""
         return None
@@ -78,6 +83,11 @@ class SerialLine(msgspec.Struct, frozen=True):
     def byte_stream(self) -> bool:
         """Whether a frame may span two reads."""
         return True
+
+    @property
+    def reliable(self) -> bool:
+        """Bytes may be lost."""
+        return False
 
     @property
     def capacity_bytes_per_s(self) -> float | None:

@@ -40,7 +40,7 @@ from guidance.mavlink.profiles import (
 from guidance.mavlink.report import absence, link_record
 from guidance.mavlink.streams import Stream
 from guidance.orders import obey, reported
-from guidance.readiness import first_unmet, young
+from guidance.readiness import first_unmet, stalled, young
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
 from guidance.reporting import Cadence, News, setpoint_records, state_record, status_record
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
@@ -211,7 +211,7 @@ class Guide:
             self._records += self._periodic(name, now_ns)
 
     def _supervise(self, now_ns: int) -> None:
-        estimate = self._estimate(now_ns)
+        estimate = self._basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY)
         blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
         mode_age_s = None
@@ -272,7 +272,7 @@ class Guide:
         """Compute and send one setpoint for its own instant, or be silent and say why."""
         due_ns = self._pace.taken(now_ns)
         instant_ns = now_ns + self._actuation_delay_ns
-        estimate = self._estimate(now_ns)
+        estimate = self._basis(now_ns)
         if isinstance(estimate, str):
             self._silent(estimate, now_ns)
             return
@@ -300,6 +300,10 @@ class Guide:
             self._event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
         self._cadence.told("state", now_ns)
         self._records += setpoint_records(estimate, solution, out, self.setpoints_sent)
+
+    def _basis(self, now_ns: int) -> Estimate | str:
+        """The state that a setpoint may be made of now, or why none may be sent."""
+        return stalled(self.connection, self.link.uplink_age_s(now_ns)) or self._estimate(now_ns)
 
     def _estimate(self, now_ns: int) -> Estimate | str:
         """The state at the instant that a setpoint sent now acts, or why there is none to be used."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config, Link
+from guidance.connection import Connection
 from guidance.estimate import ATTITUDES, POSITIONS, Estimate
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Profile
 from guidance.records import StreamStatus
 from guidance.tracker import Tracker
+from guidance.view import STALLED_S
 
 
 def young(estimate: Estimate | None, config: Link) -> Estimate | str:
@@ -27,6 +29,16 @@ def young(estimate: Estimate | None, config: Link) -> Estimate | str:
     if position_age_s > config.position_timeout_s:
         return f"the position is {position_age_s:.2f} s old"
     return estimate
+
+
+def stalled(connection: Connection, unanswered_s: float | None) -> str | None:
+    """Why a setpoint would wait in a buffer, to be obeyed late; None if it would not, or nobody knows yet.
+
+    `unanswered_s` is the age of the newest packet of ours that was answered, None before the first.
+    """
+    if not connection.reliable or unanswered_s is None or unanswered_s <= STALLED_S:
+        return None
+    return f"the other end has not answered for {unanswered_s:.2f} s: not reading?"
 
 
 def first_unmet(

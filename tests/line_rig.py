@@ -27,6 +27,11 @@ class LineEnd(VehicleEnd):
         self._loop.add_reader(descriptor, self._read)
         self.live()
 
+    def stop_reading(self) -> None:
+        """Go on speaking; what comes waits in the receive buffer until `speak_over`."""
+        assert self._descriptor is not None
+        self._loop.remove_reader(self._descriptor)
+
     def hang_up(self) -> None:
         """Say no more; does not close the descriptor."""
         if self._descriptor is not None:

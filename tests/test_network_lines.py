@@ -120,6 +120,32 @@ def test_a_peer_that_does_not_read_blocks_nothing_and_gets_little_late() -> None
     asyncio.run(main())
 
 
+def test_a_vehicle_that_stops_reading_gets_a_quarter_of_a_second_of_setpoints_when_it_reads_again() -> None:
+    """The system acknowledges for it, so that only its own answers tell what it has read."""
+
+    async def main() -> None:
+        with a_server() as server:
+            async with running(f'link.connection="tcp://127.0.0.1:{port_of(server)}"') as rig:
+                connection, _ = await asyncio.get_running_loop().sock_accept(server)
+                with connection:
+                    vehicle = LineEnd(rig.bell.ring)
+                    vehicle.speak_over(connection.fileno())
+                    await rig.bell.until(lambda: rig.memory.events("state_tracking"), "a flight")
+                    await rig.bell.until(lambda: vehicle.count("SET_ATTITUDE_TARGET") > 20, "setpoints")
+                    vehicle.stop_reading()
+                    await rig.bell.until(lambda: rig.memory.events("state_handed-over"), "a hand-over")
+                    vehicle.heard.clear()
+                    vehicle.speak_over(connection.fileno())
+                    await rig.bell.until(lambda: vehicle.count("TIMESYNC") > 30, "all that has waited")
+                    assert 5 <= vehicle.count("SET_ATTITUDE_TARGET") <= 20
+                    assert rig.shell._guide.dropped_packets == 0
+                    vehicle.close()
+        (silent,) = rig.memory.events("silent")
+        assert "the other end has not answered for 0.2" in silent
+
+    asyncio.run(main())
+
+
 def test_packets_that_the_line_does_not_take_are_told_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shell, "WATCH_S", 0.02)
     monkeypatch.setattr(tcp, "WAITING_MAX_BYTES", -1)

@@ -1,10 +1,15 @@
 """Packets into a stream of bytes: each whole and at once, or not at all.
 
 A stream that does not keep up would deliver setpoints later than they are meant for. So nothing is kept for
-later here, and what the system keeps (a serial port's buffer holds 0.7 s at 57600 baud) is bounded: while
-more than that waits, packets are dropped. Where the system takes a part of a packet, the rest must follow, or
-the receiver would lose the next packet too; but it is late, so it follows with its last byte changed, which
-is part of the checksum, and the receiver drops the packet and stays in step.
+later here, and what our system keeps (a serial port's buffer holds 0.7 s at 57600 baud) is bounded: while
+more than that waits, packets are dropped. What the other system keeps cannot be seen from here: over TCP it
+acknowledges what a program there does not read, and hands it over later. That is bounded by the core, which
+sends no setpoint while its questions are not answered (`guidance.view.STALLED_S`): what it sent until then
+does arrive late.
+
+Where our system takes a part of a packet, the rest must follow, or the receiver would lose the next packet
+too; but it is late, so it follows with its last byte changed, which is part of the checksum, and the receiver
+drops the packet and stays in step.
 """
 
 from __future__ import annotations

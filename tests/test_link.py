@@ -144,6 +144,22 @@ def test_a_counter_that_starts_again_is_followed_without_an_outage() -> None:
     assert peer.record().lost == 0
 
 
+# Places --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", [(0, 0), (900_000_001, 1), (-900_000_001, 1), (1, 1_800_000_001)], ids=str)
+def test_an_origin_or_home_that_is_nowhere_is_refused_and_counted(place: tuple[int, int]) -> None:
+    peer = Peer()
+    peer.heartbeat()
+    peer.say(dialect.MAVLink_gps_global_origin_message(900_000_000, -1_800_000_000, 3))
+    peer.say(dialect.MAVLink_home_position_message(0, 5, 6, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+    peer.say(dialect.MAVLink_gps_global_origin_message(*place, 0))
+    peer.say(dialect.MAVLink_home_position_message(*place, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+    assert peer.link.origin == (900_000_000, -1_800_000_000, 3)
+    assert peer.link.home == (0, 5, 6)
+    assert peer.counters == {"origin:absurd": 1, "home:absurd": 1}
+
+
 # Reboots -------------------------------------------------------------------------------------------------
 
 

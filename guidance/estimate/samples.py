@@ -18,6 +18,7 @@ from guidance.mavlink.messages import (
     GpsGlobalOrigin,
     LocalPositionNed,
     Odometry,
+    on_earth,
 )
 from guidance.se3 import Quaternion, Vec3, from_euler, is_finite, rotate
 
@@ -28,8 +29,6 @@ SPEED_MAX_M_S: Final = 1000.0
 RATE_MAX_RAD_S: Final = 100.0
 POSITION_MAX_M: Final = 1e7
 ANGLE_MAX_RAD: Final = 2.0 * math.pi  # and so whatever half turn the autopilot counts from
-LATITUDE_MAX: Final = 900_000_000
-LONGITUDE_MAX: Final = 1_800_000_000
 
 #: 1e-7 deg of latitude; of longitude it is less. Both firmwares cut off what is less than a step.
 _STEP_M: Final = 1e-7 * math.radians(ARDUPILOT_RADIUS_M)
@@ -104,7 +103,7 @@ def from_global(
     """GLOBAL_POSITION_INT (33) about GPS_GLOBAL_ORIGIN, at `instant_ns`: in steps of 11 mm and 1 cm/s."""
     if message.lat == 0 and message.lon == 0:
         return "no_position"  # ArduPilot's zeros before it has one
-    if abs(message.lat) > LATITUDE_MAX or abs(message.lon) > LONGITUDE_MAX:
+    if not on_earth(message.lat, message.lon):
         return "absurd"
     if origin is None:
         return "no_origin"

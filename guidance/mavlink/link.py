@@ -29,6 +29,7 @@ from guidance.mavlink.messages import (
     HomePosition,
     StateBody,
     Timesync,
+    on_earth,
 )
 from guidance.mavlink.profiles import command_long
 from guidance.mavlink.sequence import Order, SequenceWatch
@@ -207,6 +208,9 @@ class AutopilotLink:
             self._timesync(body, now_ns)
         elif isinstance(body, AutopilotVersion):
             self.version = body
+        elif isinstance(body, GpsGlobalOrigin | HomePosition) and not on_earth(body.latitude, body.longitude):
+            self.counters["origin:absurd" if isinstance(body, GpsGlobalOrigin) else "home:absurd"] += 1
+            return False
         elif isinstance(body, GpsGlobalOrigin):
             self.origin = body
         elif isinstance(body, HomePosition):

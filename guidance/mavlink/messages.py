@@ -15,6 +15,16 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 
+LATITUDE_MAX: Final = 900_000_000
+LONGITUDE_MAX: Final = 1_800_000_000
+
+
+def on_earth(latitude: int, longitude: int) -> bool:
+    """Whether there is such a place (1e-7 deg) and somebody put it there: 0/0 is what was never set."""
+    at_all = abs(latitude) <= LATITUDE_MAX and abs(longitude) <= LONGITUDE_MAX
+    return at_all and not latitude == longitude == 0
+
+
 class Heartbeat(NamedTuple):
     """HEARTBEAT (0)."""
 

@@ -24,6 +24,7 @@ from guidance.mavlink.messages import (
     CommandAck,
     CurrentMode,
     GlobalPositionInt,
+    GpsGlobalOrigin,
     Heartbeat,
     LocalPositionNed,
     NamedValueFloat,
@@ -183,8 +184,8 @@ class Guide:
             self.link.counters["texts_not_shown"] = self._words.not_shown
         elif isinstance(body, NamedValueFloat):
             self._tell(reported(body, self.tracker, self.link.counters, now_ns))
-        elif isinstance(body, Heartbeat | CurrentMode):
-            self._watch_ns = now_ns  # look at once, the pilot may have switched
+        elif isinstance(body, Heartbeat | CurrentMode | GpsGlobalOrigin):
+            self._watch_ns = now_ns  # look at once: the pilot may have switched, the frame may have moved
 
     def _take_sample(self, name: str, body: StateBody, now_ns: int) -> None:
         if take_state(self.link, self._estimator, name, body, now_ns) is None:
@@ -211,6 +212,9 @@ class Guide:
             self._records += self._periodic(name, now_ns)
 
     def _supervise(self, now_ns: int) -> None:
+        moved = self._estimator.origin.look(self.link.origin, flying=self.tracker.start_ns is not None)
+        if moved is not None:
+            self._event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self._basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY)
         blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
@@ -303,7 +307,8 @@ class Guide:
 
     def _basis(self, now_ns: int) -> Estimate | str:
         """The state that a setpoint may be made of now, or why none may be sent."""
-        return stalled(self.connection, self.link.uplink_age_s(now_ns)) or self._estimate(now_ns)
+        held_up = stalled(self.connection, self.link.uplink_age_s(now_ns))
+        return held_up or self._estimator.origin.moved or self._estimate(now_ns)
 
     def _estimate(self, now_ns: int) -> Estimate | str:
         """The state at the instant that a setpoint sent now acts, or why there is none to be used."""

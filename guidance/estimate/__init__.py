@@ -1,7 +1,8 @@
 """Where the vehicle is and how it lies, from whatever the autopilot offers.
 
 `samples` turns messages into attitudes and positions or refuses them, `sources` chooses whose are used,
-`resets` finds where the autopilot's estimator jumped, and `estimator` makes one state of one instant of them.
+`resets` finds where the autopilot's estimator jumped, `origin` where the origin of its local frame moved, and
+`estimator` makes one state of one instant of them.
 """
 
 from __future__ import annotations

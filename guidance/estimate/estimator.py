@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
+from guidance.estimate.origin import LocalOrigin
 from guidance.estimate.resets import (
     ATTITUDE_JUMP_RAD,
     POSITION_JUMP_M,
@@ -97,6 +98,7 @@ class Estimator:
     def __init__(self, project: Projection) -> None:
         self.resets = 0
         self.news: list[Reset | Switch] = []
+        self.origin = LocalOrigin(project)
         self._project = project
         self._attitudes: Choice[AttitudeSample] = Choice(ATTITUDES)
         self._positions: Choice[PositionSample] = Choice(POSITIONS)
@@ -118,12 +120,14 @@ class Estimator:
         self._attitudes.reset()
         self._positions.reset()
         self._reset_counter = None
+        self.origin.reset()
         self._forget_offset()
 
     def take(
         self, message: StateBody, instant_ns: int, now_ns: int, origin: GpsGlobalOrigin | None = None
     ) -> str | None:
-        """Whichever it is, measured at `instant_ns`; `origin` is what GLOBAL_POSITION_INT counts from.
+        """Whichever it is, measured at `instant_ns`; `origin` is what GLOBAL_POSITION_INT counts from,
+        unless one is held.
 
         None if it is used from now on, "not_needed" if a better source is, else why it was refused.
         """
@@ -145,7 +149,7 @@ class Estimator:
         else:
             source = positions.sources["GLOBAL_POSITION_INT"]
             if positions.needs(source, instant_ns):
-                sample = from_global(message, instant_ns, origin, self._project)
+                sample = from_global(message, instant_ns, self.origin.held or origin, self._project)
                 if positions.newest is not None and not isinstance(sample, str):
                     sample = within_step(positions.newest, sample)
                 return self._take_position(source, sample, now_ns)

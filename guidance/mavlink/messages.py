@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
-
+#: 1e-7 deg.
 LATITUDE_MAX: Final = 900_000_000
 LONGITUDE_MAX: Final = 1_800_000_000
 

@@ -231,6 +231,21 @@ def test_after_a_long_silence_the_first_that_comes_is_used_and_is_no_reset() -> 
     assert math.dist(motion.at(5080).pose.position, motion.pose(5080).position) < 1e-3
 
 
+@pytest.mark.parametrize(("off_m", "off_rad"), [(5.0, 0.0), (0.0, 0.5)], ids=["place", "turn"])
+def test_a_large_difference_that_is_no_jump_is_taken_at_once_and_not_blended(
+    off_m: float, off_rad: float
+) -> None:
+    """After 3 s it is our prediction that is wrong: a vehicle does not keep its twist for so long."""
+    motion = Motion(Vec3(off_m, 0.0, 0.0), Vec3(0.0, 0.0, off_rad))
+    motion.hear(("ODOMETRY",), 1000, 2000)
+    motion.hear(("ATTITUDE_QUATERNION", "LOCAL_POSITION_NED"), 5000, 5040)
+    assert motion.estimator.resets == 0
+    state, wanted = motion.at(5020), motion.pose(5020)
+    assert state.offset_m == 0.0
+    assert state.pose.position.x == pytest.approx(wanted.position.x + off_m, abs=1e-3)
+    assert angle(state.pose.attitude, wanted.attitude) == pytest.approx(off_rad, abs=1e-3)
+
+
 def test_nobody_waits_for_a_better_source_that_cannot_be_used() -> None:
     """ATTITUDE_QUATERNION was heard beside ODOMETRY; now it comes with NaN."""
     motion = Motion()

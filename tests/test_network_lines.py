@@ -100,6 +100,8 @@ def test_a_peer_that_does_not_read_blocks_nothing_and_gets_little_late() -> None
             with socket.socket(fileno=os.dup(line.fileno())) as ours:
                 for level, option in ((socket.IPPROTO_TCP, socket.TCP_NODELAY), (SOL, socket.SO_KEEPALIVE)):
                     assert ours.getsockopt(level, option)
+                if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+                    assert ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 5000  # ms
             mav = mavlink.MAVLink(None, 1, 191)
             sent = 0
             while line.dropped < 1000:

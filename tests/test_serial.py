@@ -9,7 +9,7 @@ import os
 import subprocess
 import termios
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -149,6 +149,38 @@ def test_a_port_in_use_names_who_has_it(port: PseudoPort) -> None:
         assert f"it is in use by {program}: end that program" in refusal(port.path)
     first.close()
     opened(SerialLine(str(port.path))).close()
+
+
+def test_who_comes_later_and_asks_for_no_lock_is_kept_out(port: PseudoPort) -> None:
+    """The system lets root in all the same, so another user tries."""
+    os.chmod(port.slave, 0o666)
+    nobody = 65534 if os.geteuid() == 0 else None
+
+    def another() -> str:
+        command = ["sh", "-c", ': <>"$0"', os.ttyname(port.slave)]
+        tried = subprocess.run(command, user=nobody, env={"LC_ALL": "C"}, capture_output=True, text=True)
+        return tried.stderr
+
+    assert another() == ""
+    line = opened(SerialLine(str(port.path)))
+    assert "busy" in another()
+    line.close()
+
+
+def test_closing_throws_away_what_is_not_sent_yet(port: PseudoPort) -> None:
+    line = opened(SerialLine(str(port.path)))
+    packet = bytes(mavlink.MAVLink_timesync_message(0, 1).pack(mavlink.MAVLink(None, 1, 191)))
+    sent = 0
+    while not line.dropped:
+        line.send(packet)
+        sent += len(packet)
+    line.close()
+    os.set_blocking(port.master, False)
+    arrived = 0
+    with suppress(BlockingIOError):
+        while True:
+            arrived += len(os.read(port.master, 65536))
+    assert arrived < sent / 2
 
 
 def test_a_program_that_reads_along_without_a_lock_is_named(port: PseudoPort) -> None:

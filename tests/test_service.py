@@ -17,6 +17,7 @@ from guidance import shell
 from guidance.records import Command, Packet, State
 from guidance.shell import Shell
 from guidance.telemetry import Sample
+from guidance.transport import Lost
 from tests.helpers import make_config
 from tests.service_rig import PATIENCE_S, Rig, VehicleEnd, a_socket, received, running, vehicle_for
 
@@ -53,6 +54,24 @@ def test_only_the_configured_autopilot_is_answered_and_nobody_can_divert_its_set
             assert "two vehicles of one id?" in rig.memory.events("note")[0]
 
     runner(main())
+
+
+def test_a_way_that_is_found_lost_by_writing_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading may go on as if nothing were: a USB adapter's two directions fail one by one."""
+    monkeypatch.setattr(shell, "BACK_OFF_S", (0.02,))
+
+    def lost(packet: bytes) -> None:
+        raise Lost("no way out")
+
+    async def main() -> None:
+        async with running('supervisor.engage="pilot"') as rig, vehicle_for(rig) as vehicle:
+            await rig.bell.until(lambda: vehicle.count("SET_ATTITUDE_TARGET") > 5, "a stream")
+            monkeypatch.setattr(rig.shell._transport, "send", lost)
+            await rig.bell.until(lambda: len(rig.memory.events("link_up")) == 2, "a new transport")
+        (down,) = rig.memory.events("link_down")
+        assert down.endswith("failed: no way out; again in 0.02 s")
+
+    asyncio.run(main())
 
 
 def test_a_vehicle_that_comes_back_from_another_port_is_answered_there() -> None:

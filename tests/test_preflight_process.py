@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from guidance import cli
 from guidance.config import Config, load
 from guidance.preflight import run
 from guidance.preflight.checks import findings
-from guidance.preflight.findings import Verdict
+from guidance.preflight.findings import Verdict, fail
 from guidance.preflight.run import check
 from guidance.preflight.view import as_json, show
 from guidance.transport import Lost
@@ -185,3 +186,14 @@ def test_the_process_ends_at_its_deadline_on_a_dead_line_with_a_diagnosis(tmp_pa
     assert "no bytes yet" in outcome.stdout
     assert "-> does the autopilot" in outcome.stdout
     assert outcome.stdout.splitlines()[-1].startswith("FAILED: ")
+
+
+def test_what_the_autopilot_says_does_not_steer_the_terminal() -> None:
+    said = "the autopilot says: \x1b[2J\x1b]0;title\x07PreArm:\n[red]compass"
+    out = io.StringIO()
+    console = Console(file=out, width=120, highlight=False, force_terminal=True, no_color=True)
+    show([("vehicle", fail("arming", said, said))], 1.0, console)
+    shown = re.sub("\x1b\\[[0-9;]*m", "", out.getvalue())  # the colours are ours
+    assert shown.count("says: \ufffd[2J\ufffd]0;title\ufffdPreArm: [red]compass") == 2
+    assert all(line.isprintable() for line in shown.splitlines())
+    assert len(shown.splitlines()) == 3

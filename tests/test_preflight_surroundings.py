@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -237,3 +238,16 @@ def test_a_router_that_is_not_there_leaves_the_probe_waiting_until_it_is_ended()
     assert not probe.done.wait(1.0)
     assert probe.end(20.0)
     assert probe.look.neighbours == 0
+
+
+def test_a_port_that_another_service_has_is_told_in_words_and_what_to_do() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        listen = f'zenoh.listen=["tcp/127.0.0.1:{taken.getsockname()[1]}"]'
+        probe = ZenohProbe(make_config(listen))
+        probe.start()
+        assert probe.done.wait(20.0)
+        assert probe.end(20.0)
+    found = only(Bench(listen), "zenoh", Verdict.FAIL, zenoh=probe.look)
+    assert "Address already in use" in found.found
+    assert ".rs" not in found.found
+    assert "if another service listens there, give each its own zenoh.listen" in found.todo

@@ -14,7 +14,7 @@ import zenoh
 
 from guidance.config import Config, Log
 from guidance.connection import Connection, SerialLine
-from guidance.telemetry.zenoh_sink import close_quietly, zenoh_config
+from guidance.telemetry.zenoh_sink import brief, close_quietly, zenoh_config
 from guidance.transport.processes import Process, Processes
 
 #: Looks at every new /dev/ttyACM* by writing modem commands to it.
@@ -118,13 +118,13 @@ class ZenohProbe:
         try:
             session = zenoh.open(self._config)
         except zenoh.ZError as error:
-            self._look = ZenohLook(f"no session can be opened: {error}".splitlines()[0])
+            self._look = ZenohLook(f"no session can be opened: {brief(error)}".splitlines()[0])
             self.done.set()
             return
         try:
             self._wait_for_neighbours(session)
         except zenoh.ZError as error:
-            self._look = ZenohLook(f"the session failed: {error}".splitlines()[0])
+            self._look = ZenohLook(f"the session failed: {brief(error)}".splitlines()[0])
         self.done.set()
         close_quietly(session)
 

@@ -9,7 +9,8 @@ import re
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,42 @@ def test_a_line_that_is_lost_on_the_way_is_said(monkeypatch: pytest.MonkeyPatch)
     assert found["lost"].verdict is Verdict.FAIL
     assert found["lost"].found == "the device is gone"
     assert found["lost"].todo == "unplugged, or without power?"
+
+
+@pytest.fixture
+def stuck() -> Iterator[Callable[..., Any]]:
+    """A call of the system that does not come back before the test has ended."""
+    over = threading.Event()
+
+    def hang(*_: object, **__: object) -> Any:
+        over.wait(30.0)
+        raise OSError("too late")
+
+    yield hang
+    over.set()
+
+
+@pytest.mark.parametrize(
+    ("connection", "hanging"),
+    [
+        ("tcp://autopilot:5760", "socket.getaddrinfo"),
+        ("udpout://autopilot:14550", "socket.getaddrinfo"),
+        ('"serial:///dev/ttyUSB9"', "serial.Serial"),
+    ],
+)
+def test_a_name_server_or_a_device_that_hangs_does_not_hold_up_the_end(
+    connection: str, hanging: str, stuck: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = set(threading.enumerate())
+    monkeypatch.setattr(hanging, stuck)
+    config = make_config(f"link.connection={connection}", "zenoh.enabled=false", "log.enabled=false")
+    result = check(config, "file", 0.3)
+    assert 0.3 <= result.seconds < 5.0
+    (port,) = (finding for _, finding in result.findings if finding.check == "port")
+    assert port.found.endswith("it did not open in time")
+    left = set(threading.enumerate()) - before
+    assert left
+    assert all(thread.daemon for thread in left), "the interpreter would wait for it"
 
 
 def printed(bench: Bench, width: int) -> list[str]:

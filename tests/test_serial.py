@@ -214,7 +214,9 @@ def test_who_may_not_open_it_is_told_which_group_or_rule_lets_them_in(
 def test_a_device_that_the_unit_does_not_list_is_allowed_there_and_by_no_group(tmp_path: Path) -> None:
     (tmp_path / "by-id").symlink_to(tmp_path / "ttyXR0")
     told = why_not_opened(str(tmp_path / "by-id"), PermissionError(errno.EPERM, "Operation not permitted"))
-    assert told.startswith("not allowed by the systemd unit or the container (DevicePolicy=): DeviceAllow= of ")
+    assert told.startswith(
+        "not allowed by the systemd unit or the container (DevicePolicy=): DeviceAllow= of "
+    )
     assert told.endswith(f"[Service] DeviceAllow={tmp_path}/ttyXR0 rw")
     assert "usermod" not in told
 

@@ -26,7 +26,7 @@ def telemetry(seen: Seen) -> Iterator[Finding]:
         yield fail(
             "zenoh",
             look.problem,
-            "see [zenoh] of the configuration; if another service listens there, give each its own zenoh.listen",
+            "see [zenoh]; if another service listens there, give each a port of its own in zenoh.listen",
         )
     elif look.service:
         yield warn(

@@ -79,11 +79,14 @@ class ZenohLook(NamedTuple):
 class ZenohProbe:
     """Opens a session as the service would, in a thread of its own: zenoh may take as long as it likes.
 
+    It looks for neighbours for at most `seconds`.
+
     Raises:
         ValueError: settings that zenoh does not take.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, seconds: float) -> None:
+        self._seconds = seconds
         settings = config.zenoh
         self._config = zenoh_config(
             mode=settings.mode,
@@ -130,7 +133,8 @@ class ZenohProbe:
 
     def _wait_for_neighbours(self, session: zenoh.Session) -> None:
         self._look = ZenohLook()
-        while self._expected and not self._enough.is_set():
+        end = time.monotonic() + self._seconds
+        while self._expected and not self._enough.is_set() and time.monotonic() < end:
             neighbours = len(session.info.routers_zid()) + len(session.info.peers_zid())
             if neighbours:
                 answers = list(session.liveliness().get(self._token, timeout=_ALIVE_S))

@@ -122,7 +122,7 @@ def judged(requirement: Requirement, seen: Seen) -> Finding:
         older = f", and no {requirement.older}" if requirement.older else ""
         return skip(name, f"the autopilot has no such parameter{older}")
     if not math.isfinite(value):
-        return fail(name, f"{value:g} is no value", f"set {name} anew: the autopilot's memory of it is damaged")
+        return fail(name, f"{value:g} is no value", f"set {name} anew: the memory of it is damaged")
     shown = f"{value:g} {requirement.unit}".rstrip()
     if requirement.meanings:
         meaning = requirement.meanings.get(round(value))

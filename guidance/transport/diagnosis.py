@@ -30,8 +30,8 @@ def why_not_opened(path: str, error: Exception) -> str:
     if number == errno.EPERM:  # of device nodes only the kernel's list of devices refuses with this one
         device = os.path.realpath(path)
         return (
-            f"not allowed by the systemd unit or the container (DevicePolicy=): DeviceAllow= of the unit must "
-            f"name it: sudo systemctl edit guidance@NAME, [Service] DeviceAllow={device} rw"
+            f"not allowed by the systemd unit or the container (DevicePolicy=): DeviceAllow= of the unit "
+            f"must name it: sudo systemctl edit guidance@NAME, [Service] DeviceAllow={device} rw"
         )
     if number == errno.EACCES:
         return not_allowed(path)

@@ -20,7 +20,7 @@ Examples:
 \b
 guidance demo                                       fly the built-in vehicle
 guidance demo --trajectory lemniscate --seconds 60
-guidance check --config vehicle.toml                is all well? commands nothing
+guidance check --config vehicle.toml                is all well? moves nothing
 guidance run --config vehicle.toml                  the service, for a real one
 guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
@@ -295,7 +295,8 @@ def check(
     """Look at everything that a flight rests on, and say what to do where something is wrong.
 
     It looks at the port, the autopilot and its parameters, message rates, clock, estimator, zenoh and the
-    disk. It commands nothing: no setpoint, no mode, no arming. Stop the service first.
+    disk. It sends no setpoint, no mode and no arming command; it asks the autopilot for message rates (as
+    the service does, COMMAND_LONG 511 and 512), parameters and the time. Stop the service first.
 
     Exit status 0 if nothing fails, 1 if something does, 2 for a wrong configuration.
 

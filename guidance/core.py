@@ -188,21 +188,17 @@ class Guide:
             self._watch_ns = now_ns  # look at once: the pilot may have switched, the frame may have moved
 
     def _take_sample(self, name: str, body: StateBody, now_ns: int) -> None:
-        if take_state(self.link, self._estimator, name, body, now_ns) is None:
-            if self._estimator.news:
-                self._tell_news(now_ns)
-            if not isinstance(body, LocalPositionNed | GlobalPositionInt):
-                self._pace.attitude_came(now_ns)
-
-    def _tell_news(self, now_ns: int) -> None:
-        """The estimator was reset, or another source is used."""
-        self._records += filter(None, (self._news.told(one, now_ns) for one in self._estimator.news))
-        self._estimator.news.clear()
+        refused = take_state(self.link, self._estimator, name, body, now_ns)
+        if refused is None and not isinstance(body, LocalPositionNed | GlobalPositionInt):
+            self._pace.attitude_came(now_ns)
 
     # Ticking -----------------------------------------------------------------------------------------
 
     def _tick(self, now_ns: int) -> None:
         self.link.tick(now_ns)
+        if self._estimator.news:  # here, where all that waited has been read
+            self._records += self._news.events(self._estimator.news, now_ns)
+            self._estimator.news.clear()
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS
             self._supervise(now_ns)

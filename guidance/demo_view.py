@@ -27,6 +27,7 @@ from guidance.figures import (
     TrackingFigures,
     missed,
 )
+from guidance.printable import printable
 from guidance.records import Link, Record, Setpoint, Status, Timing, TrackingError
 
 _PLAIN_EVERY: Final = 20  # looks; without a terminal a line every 2 s is enough
@@ -188,7 +189,7 @@ class View:
             bar.add_row(f"{flown_s:5.1f} of {self._seconds:g} s", ProgressBar(self._seconds, part, width=30))
             table.add_row("tracking", bar)
         elif isinstance(status, Status):
-            table.add_row(status.state, status.reason)
+            table.add_row(status.state, Text(printable(status.reason)))
         else:
             table.add_row("starting", "")
         for name, value in _rows(latest):
@@ -209,7 +210,7 @@ def _brief(latest: Callable[[str], Record | None], seconds: float) -> str:
         return "starting"
     flown_s = _flown_s(status)
     if flown_s is None:
-        return f"{status.state}: {status.reason}"
+        return f"{status.state}: {printable(status.reason)}"
     text = f"tracking {flown_s:.1f} of {seconds:g} s"
     if isinstance(error, TrackingError):
         text += f", error {error.norm_m:.3f} m"

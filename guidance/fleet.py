@@ -15,7 +15,7 @@ import msgspec
 from msgspec.structs import replace
 
 from guidance.records import Event, Level, Link, Record, Session, Setpoint, State, Status, TrackingError
-from guidance.telemetry.arrivals import Arrival, Heard, Ignored, Presence
+from guidance.telemetry.arrivals import VEHICLES_MAX, Arrival, Heard, Ignored, Presence
 
 #: `status` comes at 5 Hz. With a look every 0.2 s, a vehicle that falls silent looks so within a second.
 SILENT_NS: Final = 700_000_000
@@ -32,7 +32,6 @@ _LONG_AGO_NS: Final = -(1 << 62)
 #: Another schema version is named so long after its last record (the slowest comes once a second).
 _VERSION_FRESH_NS: Final = 5_000_000_000
 
-_MAX_VEHICLES: Final = 200
 _MAX_NOTES: Final = 200
 _MAX_KINDS: Final = 50
 _MAX_SETPOINTS: Final = 500
@@ -178,7 +177,7 @@ class _Vehicle:
         seen = replace(
             seen,
             error_m=None if error is None else error.norm_m,
-            setpoint_rate_hz=self._setpoint_rate_hz(now_ns),
+            setpoint_rate_hz=None if seen.doubled else self._setpoint_rate_hz(now_ns),
         )
         rates_hz: dict[str, float] = {}
         if link is not None:
@@ -298,7 +297,7 @@ class Fleet:
     def _vehicle(self, name: str) -> _Vehicle:
         vehicle = self._vehicles.get(name)
         if vehicle is None:
-            if len(self._vehicles) >= _MAX_VEHICLES:
+            if len(self._vehicles) >= VEHICLES_MAX:
                 quietest = min(self._vehicles.values(), key=lambda other: other.heard_ns)
                 del self._vehicles[quietest.name]
             vehicle = self._vehicles[name] = _Vehicle(name)

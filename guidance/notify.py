@@ -14,7 +14,9 @@ import socket
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from guidance.printable import printable
 from guidance.records import Command, Event, Input, InputKind, Record, Status
+from guidance.supervisor import State
 
 #: WATCHDOG=1 goes out so many times in WATCHDOG_USEC: one that is lost does not end a sound service.
 WATCHDOG_PARTS: Final = 4
@@ -75,8 +77,9 @@ class Notifier:
             self._state, self._reason = record.state, record.reason
         else:
             return
-        words = (self._state, self._closed_because or self._reason)
-        status = _line(": ".join(filter(None, words)))
+        # At the end the port is no matter any more.
+        closed_because = "" if self._state == State.FINISHED else self._closed_because
+        status = _line(": ".join(filter(None, (self._state, closed_because or self._reason))))
         if self._tried and status != self._status:
             self._status = self._untold["STATUS"] = status
 
@@ -112,5 +115,5 @@ def _watchdog_ns(environment: Mapping[str, str], pid: int) -> int:
 
 
 def _line(text: str) -> str:
-    """One printable line: words of the autopilot are in it, and a line of their own would be an order."""
-    return "".join(c if c.isprintable() else " " for c in text[:STATUS_CHARACTERS])
+    """Words of the autopilot are in it: a line of their own would be an order."""
+    return printable(text)[:STATUS_CHARACTERS]

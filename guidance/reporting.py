@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 from guidance.engagement import Engagement
@@ -96,14 +97,28 @@ class News:
         self._reset_ns = 0
         self._reset_m = 0.0
 
-    def told(self, happened: Reset | Switch, now_ns: int) -> Event | None:
+    def events(self, news: Iterable[Reset | Switch], now_ns: int) -> list[Event]:
+        """All that happened within a read: of each quantity's changes of source, what stands at its end.
+
+        What comes late and all at once goes through every change that it missed.
+        """
+        switches: dict[str, Switch] = {}
+        told = []
+        for one in news:
+            if isinstance(one, Switch):
+                first = switches.get(one.quantity, one)
+                switches[one.quantity] = one._replace(before=first.before)
+            elif (event := self.told(one, now_ns)) is not None:
+                told.append(event)
+        standing = [str(switch) for switch in switches.values() if switch.before != switch.after]
+        return [Event(t_ns=now_ns, level=Level.NOTICE, code="source", text=text) for text in standing] + told
+
+    def told(self, happened: Reset, now_ns: int) -> Event | None:
         """The event; None within a run of resets.
 
         An estimator that finds its way back moves with every sample (recorded: 44 m, then 29 steps from 3.5 m
         down). `State.resets` counts them all; of a run only the first and what is larger is told.
         """
-        if isinstance(happened, Switch):
-            return Event(t_ns=now_ns, level=Level.NOTICE, code="source", text=str(happened))
         moved_m = norm(happened.moved_ned_m)
         in_a_run = now_ns - self._reset_ns < RESET_RUN_NS and moved_m <= self._reset_m
         self._reset_ns = now_ns

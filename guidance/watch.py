@@ -16,10 +16,11 @@ from rich.live import Live
 
 from guidance.fleet import Fleet, Note, Seen
 from guidance.noted_signals import noted_signals
+from guidance.printable import printable
 from guidance.telemetry.arrivals import VEHICLE
 from guidance.telemetry.subscriber import Subscriber
 from guidance.telemetry.zenoh_sink import zenoh_config
-from guidance.watch_view import Connection, clock, ignored_line, line, printable, screen
+from guidance.watch_view import Connection, clock, ignored_line, line, screen
 
 #: Where it looks if nothing is said: at zenoh's own port on this machine, and around by multicast.
 DEFAULT_CONNECT: Final = ("tcp/127.0.0.1:7447",)

@@ -15,6 +15,7 @@ from rich.console import Group
 from rich.text import Text
 
 from guidance.fleet import Contact, Note, Seen, Source
+from guidance.printable import printable
 from guidance.records import SCHEMA_VERSION, Level
 
 WIDE: Final = 160
@@ -74,11 +75,6 @@ def duration(seconds: float) -> str:
     if seconds < 100.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.0f} h"
-
-
-def printable(text: str) -> str:
-    """One line without control characters: what comes over the network does not steer the terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
 
 
 def presence(seen: Seen) -> str:

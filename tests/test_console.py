@@ -119,3 +119,9 @@ def test_a_terminal_that_does_not_scroll_is_a_problem_that_passes_and_costs_the_
     assert lines[1] == "(2000 lines lost)"
     assert lines[2].endswith("line 2000")
     assert lines[-1].endswith("line 2999")
+
+
+def test_what_the_autopilot_says_does_not_steer_the_terminal() -> None:
+    stream = io.StringIO()
+    (line,) = printed(Console(0, stream=stream), stream, event("autopilot: \x1b[2Jcleared\x07"))
+    assert line.endswith("autopilot: \ufffd[2Jcleared\ufffd")

@@ -163,11 +163,17 @@ def test_two_services_under_one_name_are_named_and_only_while_both_publish() -> 
         since_ns = 5 * S if k % 2 else 9 * S
         sky.say(T0 + k * LOOK_NS // 2, "uuv-1", status(T0, since_ns=since_ns))
     end_ns = T0 + 2 * S
-    assert sky.look(end_ns, "uuv-1").doubled
+    sky.say(end_ns, "uuv-1", setpoint(end_ns - 20 * MS, 1), setpoint(end_ns, 2))
+    seen = sky.look(end_ns, "uuv-1")
+    assert seen.doubled
+    assert seen.setpoint_rate_hz is None, "it would be of both"
     assert len([text for text in sky.texts() if "two services publish under this name" in text]) == 1
     for k in range(20):
         sky.say(end_ns + k * LOOK_NS, "uuv-1", status(T0, since_ns=9 * S))
-    assert not sky.look(end_ns + 4 * S, "uuv-1").doubled
+    sky.say(end_ns + 4 * S, "uuv-1", setpoint(end_ns + 4 * S, 3), setpoint(end_ns + 4 * S + 20 * MS, 4))
+    seen = sky.look(end_ns + 4 * S, "uuv-1")
+    assert not seen.doubled
+    assert seen.setpoint_rate_hz is not None
 
 
 def test_one_service_that_engages_quickly_is_not_two() -> None:

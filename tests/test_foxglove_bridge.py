@@ -23,7 +23,7 @@ from guidance.cli import app
 from guidance.records import LOG_ONLY, TOPICS, Event, Level, Record, Session
 from guidance.se3 import Pose, Quaternion, Vec3, from_euler
 from guidance.service import new_session
-from guidance.telemetry import Sample
+from guidance.telemetry import Sample, foxglove_bridge
 from guidance.telemetry.arrivals import Ignored
 from guidance.telemetry.foxglove_bridge import CHANNELS, Bridge, BridgeError
 from guidance.telemetry.foxglove_view import SHOWN
@@ -333,3 +333,16 @@ def test_who_is_there_already_is_told_nothing_twice() -> None:
             assert second.message("/rover1/event")[1]["text"] == "1"
         bridge.take("rover1", event(2))
         assert [first.message("/rover1/event")[1]["text"] for _ in range(2)] == ["1", "2"]
+
+
+def test_memory_has_a_limit_whoever_publishes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(foxglove_bridge, "VEHICLES_MAX", 3)
+    with closing(Bridge("127.0.0.1", 0)) as bridge:
+        for k in range(10):
+            bridge.take("v0", session_of("v0"))  # is heard all the time
+            bridge.take("v0", event(k))
+            bridge.take(f"v{k}", session_of(f"v{k}"))
+            bridge.take(f"v{k}", STATE)
+        assert sorted(bridge._vehicles) == ["v0", "v8", "v9"]
+        channels = [channel for shown in bridge._vehicles.values() for channel in shown.channels.values()]
+        assert bridge._last.keys() <= {channel.id() for channel in channels}

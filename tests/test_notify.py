@@ -199,3 +199,12 @@ def test_a_manager_that_comes_back_is_told_again(tmp_path: Path) -> None:
     with a_manager(str(path)) as second:
         notifier.turn([], 1 + RETRY_NS)
         assert second.read() == [{"STATUS": "ready: waiting"}]
+
+
+def test_at_the_end_the_port_that_failed_is_no_matter_any_more(manager: Manager) -> None:
+    notifier = manager.notifier()
+    notifier.turn([*OPEN, link(False, "tcp://127.0.0.1:5760 failed: it ended; again in 5 s")], 0)
+    notifier.turn([status("finished", "the service was told to stop")], 1)
+    assert manager.read()[-1] == {"STATUS": "finished: the service was told to stop"}
+    notifier.turn([link(False, "tcp://127.0.0.1:5760 failed")], 2)
+    assert manager.read() == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import struct
 from operator import attrgetter
@@ -15,6 +16,7 @@ from guidance.mavlink.messages import DECODERS, ParamValue
 from guidance.mavlink.parameters import TIMES_ASKED, ParameterReader, name_of, value_of
 from guidance.mavlink.profiles import PROFILES
 from guidance.preflight.findings import Verdict
+from guidance.preflight.vehicle_checks import judged
 from tests.helpers import ROVER, make_config
 from tests.mavlink_peer import MS, Sender
 from tests.preflight_rig import Bench
@@ -125,7 +127,7 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
             "set COM_OF_LOSS_T to at most 2: ",
         ),
         ((), {"COM_OBL_RC_ACT": 7}, Verdict.WARN, "7: disarm", "that is what the autopilot does when"),
-        ((), {"COM_OBL_RC_ACT": 99}, Verdict.OK, "99: a meaning that is not known here", ""),
+        ((), {"COM_OBL_RC_ACT": 99}, Verdict.WARN, "99: a meaning that is not known here", "look it up in"),
         ((), {"COM_OBL_RC_ACT": 5}, Verdict.OK, "5: hold", ""),
         ((), {"MAV_FWDEXTSP": 0}, Verdict.FAIL, "0, needs 1", "set MAV_FWDEXTSP to 1: without it"),
         (
@@ -183,3 +185,17 @@ def test_a_parameter_that_the_autopilot_lacks_says_so_and_an_older_name_stands_i
     assert findings["MAV_OPTIONS"].found == "the autopilot has no such parameter, and no SYSID_ENFORCE"
     bench.observation.parameters.values["SYSID_ENFORCE"] = 1.0
     assert bench.findings()["SYSID_ENFORCE"].verdict is Verdict.WARN
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf], ids=str)
+@pytest.mark.parametrize("overrides", [(), RATED], ids=["px4-uuv", "ardupilot-rover"])
+def test_a_value_that_is_no_number_fails_whatever_is_asked_of_it(
+    overrides: tuple[str, ...], value: float
+) -> None:
+    bench = Bench(*overrides, seconds=0.1)
+    for row in bench.observation.profile.requirements:
+        bench.observation.parameters.values[row.parameter] = value
+        finding = judged(row, bench.seen())
+        assert (finding.check, finding.verdict) == (row.parameter, Verdict.FAIL)
+        assert finding.found == f"{value} is no value"
+        assert finding.todo.startswith(f"set {row.parameter} anew")

@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from guidance import cli
 from guidance.config import Config, load
 from guidance.preflight import run
 from guidance.preflight.checks import findings
-from guidance.preflight.findings import Verdict
+from guidance.preflight.findings import Verdict, fail
 from guidance.preflight.run import check
 from guidance.preflight.view import as_json, show
 from guidance.transport import Lost
@@ -85,6 +87,42 @@ def test_a_line_that_is_lost_on_the_way_is_said(monkeypatch: pytest.MonkeyPatch)
     assert found["lost"].verdict is Verdict.FAIL
     assert found["lost"].found == "the device is gone"
     assert found["lost"].todo == "unplugged, or without power?"
+
+
+@pytest.fixture
+def stuck() -> Iterator[Callable[..., Any]]:
+    """A call of the system that does not come back before the test has ended."""
+    over = threading.Event()
+
+    def hang(*_: object, **__: object) -> Any:
+        over.wait(30.0)
+        raise OSError("too late")
+
+    yield hang
+    over.set()
+
+
+@pytest.mark.parametrize(
+    ("connection", "hanging"),
+    [
+        ("tcp://autopilot:5760", "socket.getaddrinfo"),
+        ("udpout://autopilot:14550", "socket.getaddrinfo"),
+        ('"serial:///dev/ttyUSB9"', "serial.Serial"),
+    ],
+)
+def test_a_name_server_or_a_device_that_hangs_does_not_hold_up_the_end(
+    connection: str, hanging: str, stuck: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = set(threading.enumerate())
+    monkeypatch.setattr(hanging, stuck)
+    config = make_config(f"link.connection={connection}", "zenoh.enabled=false", "log.enabled=false")
+    result = check(config, "file", 0.3)
+    assert 0.3 <= result.seconds < 5.0
+    (port,) = (finding for _, finding in result.findings if finding.check == "port")
+    assert port.found.endswith("it did not open in time")
+    left = set(threading.enumerate()) - before
+    assert left
+    assert all(thread.daemon for thread in left), "the interpreter would wait for it"
 
 
 def printed(bench: Bench, width: int) -> list[str]:
@@ -185,3 +223,14 @@ def test_the_process_ends_at_its_deadline_on_a_dead_line_with_a_diagnosis(tmp_pa
     assert "no bytes yet" in outcome.stdout
     assert "-> does the autopilot" in outcome.stdout
     assert outcome.stdout.splitlines()[-1].startswith("FAILED: ")
+
+
+def test_what_the_autopilot_says_does_not_steer_the_terminal() -> None:
+    said = "the autopilot says: \x1b[2J\x1b]0;title\x07PreArm:\n[red]compass"
+    out = io.StringIO()
+    console = Console(file=out, width=120, highlight=False, force_terminal=True, no_color=True)
+    show([("vehicle", fail("arming", said, said))], 1.0, console)
+    shown = re.sub("\x1b\\[[0-9;]*m", "", out.getvalue())  # the colours are ours
+    assert shown.count("says: \ufffd[2J\ufffd]0;title\ufffdPreArm: [red]compass") == 2
+    assert all(line.isprintable() for line in shown.splitlines())
+    assert len(shown.splitlines()) == 3

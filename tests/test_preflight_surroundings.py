@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -223,7 +224,7 @@ def test_the_probe_finds_the_router_and_a_service_that_publishes() -> None:
     with zenoh.open(zenoh_config(listen=[where])) as session:
         for alive in (False, True):
             token = session.liveliness().declare_token("guidance/demo/alive") if alive else None
-            probe = ZenohProbe(make_config(f'zenoh.connect=["{where}"]'))
+            probe = ZenohProbe(make_config(f'zenoh.connect=["{where}"]'), 20.0)
             probe.start()
             assert probe.done.wait(20.0)
             assert probe.end(20.0)
@@ -232,8 +233,29 @@ def test_the_probe_finds_the_router_and_a_service_that_publishes() -> None:
 
 
 def test_a_router_that_is_not_there_leaves_the_probe_waiting_until_it_is_ended() -> None:
-    probe = ZenohProbe(make_config(f'zenoh.connect=["tcp/127.0.0.1:{free_port()}"]'))
+    probe = ZenohProbe(make_config(f'zenoh.connect=["tcp/127.0.0.1:{free_port()}"]'), 20.0)
     probe.start()
     assert not probe.done.wait(1.0)
     assert probe.end(20.0)
     assert probe.look.neighbours == 0
+
+
+def test_a_port_that_another_service_has_is_told_in_words_and_what_to_do() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        listen = f'zenoh.listen=["tcp/127.0.0.1:{taken.getsockname()[1]}"]'
+        probe = ZenohProbe(make_config(listen), 20.0)
+        probe.start()
+        assert probe.done.wait(20.0)
+        assert probe.end(20.0)
+    found = only(Bench(listen), "zenoh", Verdict.FAIL, zenoh=probe.look)
+    assert "Address already in use" in found.found
+    assert ".rs" not in found.found
+    assert "if another service listens there, give each a port of its own in zenoh.listen" in found.todo
+
+
+def test_a_router_that_is_not_there_is_not_waited_for_any_longer() -> None:
+    probe = ZenohProbe(make_config(f'zenoh.connect=["tcp/127.0.0.1:{free_port()}"]'), 0.2)
+    probe.start()
+    assert probe.done.wait(20.0)
+    assert probe.end(20.0)
+    assert probe.look == ZenohLook()

@@ -221,6 +221,8 @@ def test_what_is_no_serial_port_is_said_to_be_none(tmp_path: Path, monkeypatch: 
             "if a login console has it, sudo systemctl disable --now serial-getty@ttyS9.service",
         ),
         (0o600, 0, 'a udev rule: KERNEL=="ttyS9", GROUP="dialout", MODE="0660"'),
+        (0o660, 65534, "the unit hides which group may (PrivateUsers=): look outside the unit: ls -l /"),
+        (0o620, 65534, "[Service] SupplementaryGroups=GROUP"),
     ],
 )
 def test_who_may_not_open_it_is_told_which_group_or_rule_lets_them_in(
@@ -232,8 +234,23 @@ def test_who_may_not_open_it_is_told_which_group_or_rule_lets_them_in(
     monkeypatch.setattr(
         diagnosis, "_name", lambda i, groups=False: (names if groups else users).get(i, str(i))
     )
-    monkeypatch.setattr(os, "stat", lambda path: os.stat_result((mode, 0, 0, 1, 65534, group, 0, 0, 0, 0)))
-    assert words in not_allowed(str(tmp_path / "ttyS9"))
+    found = os.stat_result((mode, 0, 0, 1, 65534, group, 0, 0, 0, 0))
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "stat", lambda path: found)
+        told = not_allowed(str(tmp_path / "ttyS9"))
+    assert words in told
+    assert "nogroup" not in told
+    assert "65534" not in told
+
+
+def test_a_device_that_the_unit_does_not_list_is_allowed_there_and_by_no_group(tmp_path: Path) -> None:
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyXR0")
+    told = why_not_opened(str(tmp_path / "by-id"), PermissionError(errno.EPERM, "Operation not permitted"))
+    assert told.startswith(
+        "not allowed by the systemd unit or the container (DevicePolicy=): DeviceAllow= of "
+    )
+    assert told.endswith(f"[Service] DeviceAllow={tmp_path}/ttyXR0 rw")
+    assert "usermod" not in told
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,27 @@ def test_odometry_dies_and_comes_back_and_no_setpoint_shows_it(
     assert told[-1].startswith("position from ODOMETRY instead of")
 
 
+@pytest.mark.parametrize("at_the_end", ["ODOMETRY", "ATTITUDE_QUATERNION"])
+def test_of_what_is_read_all_at_once_only_the_source_that_stands_is_told(at_the_end: str) -> None:
+    """The process stood still for some seconds while ODOMETRY came back and, in one case, died again."""
+    flight = settled()
+    flight.vehicle.withhold("ODOMETRY")
+    flight.run(3.0)
+    assert on(flight)[0] == "ATTITUDE_QUATERNION"
+    resumed_ns = flight.now_ns + 4 * SECOND
+    waiting: list[bytes] = []
+    for now_ns in range(flight.now_ns, resumed_ns, SECOND // 200):
+        dies = at_the_end != "ODOMETRY" and now_ns > resumed_ns - SECOND
+        flight.vehicle.withhold(*(["ODOMETRY"] if dies else []))
+        waiting += flight.vehicle.advance(now_ns)
+    for data in waiting:
+        flight.guide.receive(data, resumed_ns)
+    flight.guide.tick(resumed_ns)
+    told = [r.text for r in flight.guide.records() if isinstance(r, Event) and r.code == "source"]
+    back = ["attitude from ODOMETRY instead of", "position from ODOMETRY instead of"]
+    assert [text.rpartition(" ")[0] for text in told] == (back if at_the_end == "ODOMETRY" else [])
+
+
 def test_it_dies_where_nothing_else_is_sent_and_the_others_are_asked_for_in_time() -> None:
     """As on a line that carries only what was asked for."""
     flight = settled()

@@ -273,6 +273,7 @@ def test_settings_that_zenoh_does_not_take_are_refused_in_words(settings: dict[s
     with pytest.raises(ValueError, match=words) as refusal:
         zenoh_config(**settings)
     assert ".rs" not in str(refusal.value)
+    assert "Message" not in str(refusal.value)
 
 
 def test_endpoints_are_pinned_and_scouting_is_off_unless_asked_for(tmp_path: Path) -> None:

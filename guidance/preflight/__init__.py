@@ -1,4 +1,4 @@
 """`guidance check`: all that a flight rests on, looked at before it, with what to do where it fails.
 
-It commands nothing. To add a check: one function from what was seen to findings, one row in `checks.py`.
+It moves nothing. To add a check: one function from what was seen to findings, one row in `checks.py`.
 """

@@ -23,7 +23,11 @@ def telemetry(seen: Seen) -> Iterator[Finding]:
     if look is None:
         yield skip("zenoh", "zenoh.enabled = false")
     elif look.problem:
-        yield fail("zenoh", look.problem, "see [zenoh] of the configuration; is its port taken?")
+        yield fail(
+            "zenoh",
+            look.problem,
+            "see [zenoh]; if another service listens there, give each a port of its own in zenoh.listen",
+        )
     elif look.service:
         yield warn(
             "zenoh",

@@ -1,4 +1,4 @@
-"""The link, looked at as the service would, and without a command: bytes and time in, packets out.
+"""The link, looked at as the service would, and moving nothing: bytes and time in, packets out.
 
 It sends what the service sends before it engages (HEARTBEAT, TIMESYNC, SET_MESSAGE_INTERVAL and
 REQUEST_MESSAGE) and PARAM_REQUEST_READ; never a setpoint, a mode or an arming command.

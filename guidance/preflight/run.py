@@ -17,9 +17,9 @@ from guidance.shell import READ_AT_MOST_NS
 from guidance.transport import Lost, Transport, open_transport
 from guidance.transport.processes import Processes
 
-#: Neighbours that zenoh has not found by then are not there.
+#: Neighbours that zenoh has not found by then, or in half of the time, are not there.
 ZENOH_S: Final = 5.0
-#: A zenoh that hangs is left behind.
+#: A zenoh that hangs is left behind: so long after all is known, and at the end of the time at the latest.
 LEAVE_ZENOH_S: Final = 1.0
 
 
@@ -32,30 +32,32 @@ class Checked(NamedTuple):
 
 
 def check(config: Config, source: str, seconds: float, processes: Processes | None = None) -> Checked:
-    """Look at all that `guidance run` with this configuration needs, for at most `seconds`.
+    """Look at all that `guidance run` with this configuration needs, for at most `seconds`, whatever hangs.
 
     Raises:
         ConfigError: zenoh does not take its settings.
     """
     started = time.monotonic()
+    end = started + seconds
+    zenoh_s = min(seconds / 2.0, ZENOH_S)
     observation = Observation(config)
     port = look_at_port(observation.connection, processes or Processes())
     disk = look_at_disk(config.log) if config.log.enabled else None
     try:
-        probe = ZenohProbe(config) if config.zenoh.enabled else None
+        probe = ZenohProbe(config, zenoh_s) if config.zenoh.enabled else None
     except ValueError as error:
         raise ConfigError(str(error)) from None
     look, clean = None, True
     if probe is not None:
         probe.start()
     try:
-        opened, refused = asyncio.run(_observe(observation, port, started + seconds))
+        opened, refused = asyncio.run(_observe(observation, port, end))
         if probe is not None:
-            probe.done.wait(max(started + min(seconds, ZENOH_S) - time.monotonic(), 0.0))
+            probe.done.wait(max(started + zenoh_s - time.monotonic(), 0.0))
             look = probe.look
     finally:
         if probe is not None:
-            clean = probe.end(LEAVE_ZENOH_S)
+            clean = probe.end(max(min(LEAVE_ZENOH_S, end - time.monotonic()), 0.0))
     seen = Seen(source, observation, port, opened, refused, look, disk)
     return Checked(findings(seen), time.monotonic() - started, clean)
 

@@ -14,7 +14,7 @@ import zenoh
 
 from guidance.config import Config, Log
 from guidance.connection import Connection, SerialLine
-from guidance.telemetry.zenoh_sink import close_quietly, zenoh_config
+from guidance.telemetry.zenoh_sink import brief, close_quietly, zenoh_config
 from guidance.transport.processes import Process, Processes
 
 #: Looks at every new /dev/ttyACM* by writing modem commands to it.
@@ -79,11 +79,14 @@ class ZenohLook(NamedTuple):
 class ZenohProbe:
     """Opens a session as the service would, in a thread of its own: zenoh may take as long as it likes.
 
+    It looks for neighbours for at most `seconds`.
+
     Raises:
         ValueError: settings that zenoh does not take.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, seconds: float) -> None:
+        self._seconds = seconds
         settings = config.zenoh
         self._config = zenoh_config(
             mode=settings.mode,
@@ -118,19 +121,20 @@ class ZenohProbe:
         try:
             session = zenoh.open(self._config)
         except zenoh.ZError as error:
-            self._look = ZenohLook(f"no session can be opened: {error}".splitlines()[0])
+            self._look = ZenohLook(f"no session can be opened: {brief(error)}".splitlines()[0])
             self.done.set()
             return
         try:
             self._wait_for_neighbours(session)
         except zenoh.ZError as error:
-            self._look = ZenohLook(f"the session failed: {error}".splitlines()[0])
+            self._look = ZenohLook(f"the session failed: {brief(error)}".splitlines()[0])
         self.done.set()
         close_quietly(session)
 
     def _wait_for_neighbours(self, session: zenoh.Session) -> None:
         self._look = ZenohLook()
-        while self._expected and not self._enough.is_set():
+        end = time.monotonic() + self._seconds
+        while self._expected and not self._enough.is_set() and time.monotonic() < end:
             neighbours = len(session.info.routers_zid()) + len(session.info.peers_zid())
             if neighbours:
                 answers = list(session.liveliness().get(self._token, timeout=_ALIVE_S))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from operator import attrgetter
 from typing import Final
@@ -120,9 +121,15 @@ def judged(requirement: Requirement, seen: Seen) -> Finding:
             return skip(name, "was not answered in time")
         older = f", and no {requirement.older}" if requirement.older else ""
         return skip(name, f"the autopilot has no such parameter{older}")
+    if not math.isfinite(value):
+        return fail(name, f"{value:g} is no value", f"set {name} anew: the memory of it is damaged")
     shown = f"{value:g} {requirement.unit}".rstrip()
     if requirement.meanings:
-        shown = f"{shown}: {requirement.meanings.get(round(value), 'a meaning that is not known here')}"
+        meaning = requirement.meanings.get(round(value))
+        if meaning is None:
+            todo = f"look it up in the firmware's own list: {requirement.why}"
+            return warn(name, f"{shown}: a meaning that is not known here", todo)
+        shown = f"{shown}: {meaning}"
         doubtful = round(value) in requirement.doubtful
         return warn(name, shown, requirement.why) if doubtful else ok(name, shown)
     if value == 0.0 and requirement.zero_is_no_limit:

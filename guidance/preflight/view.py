@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from guidance.preflight.findings import Finding, Verdict
+from guidance.printable import printable
 
 _STYLES: Final = {
     Verdict.OK: "green",
@@ -39,9 +40,9 @@ def screen(findings: Findings) -> Table:
         verdict = finding.verdict.upper() if finding.verdict is Verdict.FAIL else finding.verdict
         style = _STYLES[finding.verdict]
         name = "" if group == last else group
-        table.add_row(name, Text(verdict, style), finding.check, Text(finding.found))
+        table.add_row(name, Text(verdict, style), finding.check, Text(printable(finding.found)))
         if finding.todo:
-            table.add_row("", "", "", Text(f"-> {finding.todo}", style))
+            table.add_row("", "", "", Text(f"-> {printable(finding.todo)}", style))
         last = group
     return table
 

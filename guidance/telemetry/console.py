@@ -12,6 +12,7 @@ from typing import Final, TextIO
 
 import msgspec
 
+from guidance.printable import printable
 from guidance.records import Event, Level
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.worker import ThreadedSink
@@ -45,7 +46,7 @@ class Console(ThreadedSink):
         if lost:
             self._print(f"({lost} lines lost)")
         event = self._decode(sample.payload)
-        text = " ".join(event.text.split())  # one line an event, whatever an error's text contains
+        text = printable(event.text)
         if self._journal:
             self._print(f"<{_PRIORITY[event.level]}>{text}")
         else:

@@ -16,6 +16,7 @@ import msgspec
 from foxglove.websocket import ChannelView, Client, ServerListener
 
 from guidance.records import LOG_ONLY, TOPICS, Record, Session
+from guidance.telemetry.arrivals import VEHICLES_MAX
 from guidance.telemetry.foxglove_view import SHOWN, View
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.schema import RECORDS, json_schema, schema_name, schema_of, well_known_name
@@ -67,7 +68,7 @@ class Bridge:
         self._only = only
         self._context = sdk.Context()
         self._listener = _Listener()
-        self._vehicles: dict[str, _Shown] = {}
+        self._vehicles: dict[str, _Shown] = {}  # the one unheard for longest first
         self._last: dict[int, tuple[sdk.Channel, bytes, int]] = {}
         self._encode = msgspec.json.Encoder().encode
         try:
@@ -102,6 +103,7 @@ class Bridge:
             shown = self._begin(vehicle, record, shown)
         if shown is None:
             return
+        self._vehicles[vehicle] = self._vehicles.pop(vehicle)
         sample = Sample(TOPICS[type(record)], record.t_ns, self._encode(record))
         prefix = "" if self._only else f"{vehicle}/"
         self._log(shown, sample.topic, sample)
@@ -118,6 +120,8 @@ class Bridge:
                 channel.log(payload, log_time=time_ns, sink_id=client)
 
     def _begin(self, vehicle: str, session: Session, before: _Shown | None) -> _Shown:
+        if before is None and len(self._vehicles) >= VEHICLES_MAX:
+            self._forget(next(iter(self._vehicles)))
         prefix = "" if self._only else f"/{vehicle}"
         channels = (
             {
@@ -137,6 +141,11 @@ class Bridge:
         view = View(session.unix_offset_ns, "" if self._only else vehicle)
         shown = self._vehicles[vehicle] = _Shown(session, view, channels)
         return shown
+
+    def _forget(self, vehicle: str) -> None:
+        for channel in self._vehicles.pop(vehicle).channels.values():
+            self._last.pop(channel.id(), None)
+            channel.close()
 
     def _log(self, shown: _Shown, topic: str, sample: Sample) -> None:
         channel = shown.channels[topic]

@@ -274,5 +274,8 @@ def close_quietly(session: _Closable) -> None:
 
 
 def brief(error: Exception) -> str:
-    """Zenoh's own words without the places in its source, which tell an operator nothing."""
-    return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error)).strip()
+    """Zenoh's own words without its types and the places in its source, which tell an operator nothing."""
+    text = str(error)
+    if wrapped := re.search(r'Message \{ msg: "((?:[^"\\]|\\.)*)"', text):
+        text = re.sub(r"\\(.)", r"\1", wrapped[1])
+    return re.sub(r"\s+at \S+\.rs:\d+\.?", "", text).strip()

@@ -15,6 +15,8 @@ from guidance.transport.processes import Processes
 #: Where serial ports of autopilots are found, the lasting names first.
 _PORTS: Final = ("/dev/serial/by-id/*", "/dev/ttyACM*", "/dev/ttyUSB*")
 _SHOWN_MAX: Final = 4
+#: What every group looks like that a user namespace does not know (kernel.overflowgid, nogroup).
+UNMAPPED: Final = 65534
 _READ_WRITE_GROUP: Final = stat.S_IRGRP | stat.S_IWGRP
 
 
@@ -25,7 +27,13 @@ def why_not_opened(path: str, error: Exception) -> str:
         return f"there is no such device: is it plugged in and powered? {_present()}"
     if number == errno.ELOOP:
         return "its symbolic links lead in a circle"
-    if number in (errno.EACCES, errno.EPERM):
+    if number == errno.EPERM:  # of device nodes only the kernel's list of devices refuses with this one
+        device = os.path.realpath(path)
+        return (
+            f"not allowed by the systemd unit or the container (DevicePolicy=): DeviceAllow= of the unit "
+            f"must name it: sudo systemctl edit guidance@NAME, [Service] DeviceAllow={device} rw"
+        )
+    if number == errno.EACCES:
         return not_allowed(path)
     if number in (errno.EBUSY, errno.EAGAIN):
         users = users_of(os.path.realpath(path))
@@ -46,6 +54,11 @@ def not_allowed(path: str) -> str:
         found = os.stat(path)
     except OSError as error:
         return f"not allowed, not even to look at it: {error.strerror}"
+    if found.st_gid == UNMAPPED:
+        return (
+            "not allowed, and the unit hides which group may (PrivateUsers=): look outside the unit: "
+            f"ls -l {path}, then sudo systemctl edit guidance@NAME, [Service] SupplementaryGroups=GROUP"
+        )
     group = _name(found.st_gid, groups=True)
     owner = f"{_name(found.st_uid)}:{group}, mode {stat.S_IMODE(found.st_mode):04o}"
     if found.st_mode & _READ_WRITE_GROUP == _READ_WRITE_GROUP and found.st_gid != 0:

@@ -13,7 +13,6 @@ The path is resolved at each opening: a name in /dev/serial/by-id finds the devi
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import fcntl
 import os
@@ -26,6 +25,7 @@ import serial
 from guidance.connection import SerialLine
 from guidance.transport.base import Lost, said
 from guidance.transport.diagnosis import users_of, why_not_opened
+from guidance.transport.hanging import in_a_thread
 from guidance.transport.stream import ByteStream
 
 #: So much of what was sent may wait in the system: it is as late as that.
@@ -41,7 +41,7 @@ async def open_serial(line: SerialLine) -> ByteStream:
     Raises:
         Lost: it cannot be opened; says what to do.
     """
-    return await asyncio.get_running_loop().run_in_executor(None, _open, line)
+    return await in_a_thread(lambda: _open(line))
 
 
 def _open(line: SerialLine) -> ByteStream:

@@ -10,6 +10,7 @@ from typing import Final
 
 from guidance.connection import Network
 from guidance.transport.base import Lost, said, shown
+from guidance.transport.hanging import in_a_thread
 from guidance.transport.stream import ByteStream
 
 #: An address that has not answered for so long does not.
@@ -36,7 +37,9 @@ async def open_tcp(connection: Network) -> ByteStream:
     """
     loop = asyncio.get_running_loop()
     try:
-        found = await loop.getaddrinfo(connection.host, connection.port, type=socket.SOCK_STREAM)
+        found = await in_a_thread(
+            lambda: socket.getaddrinfo(connection.host, connection.port, type=socket.SOCK_STREAM)
+        )
     except (OSError, UnicodeError) as error:  # UnicodeError: a host that cannot be a name
         raise Lost(said(error) if isinstance(error, OSError) else str(error)) from None
     problem = f"{connection.host} has no address"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import socket
 import time
@@ -11,6 +10,7 @@ from typing import Final
 from guidance.connection import Network
 from guidance.transport.base import Address, Lost, said, shown
 from guidance.transport.diagnosis import users_of_udp_port
+from guidance.transport.hanging import in_a_thread
 from guidance.transport.peer import Peer
 
 _DATAGRAM_BYTES: Final = 65535
@@ -103,7 +103,7 @@ async def open_udp(connection: Network, peer_silent_s: float) -> UdpOut | UdpIn:
     if scheme == "udpbcast":
         host, port = "0.0.0.0", 0  # noqa: S104 - whoever answers a broadcast does so from where it is
     try:
-        found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        found = await in_a_thread(lambda: socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM))
     except (OSError, UnicodeError) as error:  # UnicodeError: a host that cannot be a name
         raise Lost(said(error) if isinstance(error, OSError) else str(error)) from None
     found.sort(key=lambda info: info[0] != socket.AF_INET)  # what autopilots speak

@@ -30,8 +30,8 @@ def infeasible(
     those rates have to change.
 
     Limits that are met exactly are let pass, and leave nothing to converge with: on a circle of 2 m at 2 m/s
-    with rates of at most its 1 rad/s, 3.7 % of flights had not converged after 1000 s, and with 1.02 rad/s all
-    had after 300 s. Pitch and yaw count together as the root of their squares' sum, which rates along the
+    with rates of at most its 1 rad/s, 3.7 % of flights had not converged after 1000 s, and with 1.02 rad/s
+    all had after 300 s. Pitch and yaw count together as the root of their squares' sum, which rates about the
     body axes give at one angle of roll alone.
     """
     if limits.speed_min_m_s >= limits.speed_max_m_s:

@@ -22,10 +22,10 @@ stable only for rho' tau < 1, whatever rho is, where pitch-yaw is stable with an
 What is only measured: that flights converge. They do from every start tried within 50 m of the paper's helix
 and of circles, to the same centimetre as with pitch-yaw (rho 4 and 10, also with a lag of 0.1 s; a small set
 is in tests/test_allocation.py). They do not where the roll can only be changed slowly against rho: at
-5 rad/s^2, rho = 4 converges and rho = 10 ends in a limit cycle of 0.2 m on a 10 m circle at 2 m/s. A turn
-whose axis itself turns by w rad/s (a helix's does, by its torsion) leaves an angle of about w/rho to be
-rolled and with it a misalignment: on a helix of 5 m at 3 m/s, 1 m/s down, 3 cm with rho = 4 and 5 mm with
-rho = 10.
+5 rad/s^2, on a 10 m circle at 2 m/s with k = 1, rho = 4 converges and with rho = 10 about a quarter of the
+starts ends in a limit cycle, of 0.2 m at worst. A turn whose axis itself turns by w rad/s (a helix's does, by
+its torsion) leaves an angle of about w/rho to be rolled and with it a misalignment: on a helix of 5 m at
+3 m/s, 1 m/s down, with k = 1, 4.3 cm with rho = 4 and 7.0 mm with rho = 10 (with k = 1.5, 2.9 cm and 4.7 mm).
 """
 
 from __future__ import annotations

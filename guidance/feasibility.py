@@ -28,6 +28,11 @@ def infeasible(
     Speeds and turns are those in space, or in the plane for a `planar` vehicle, which turns by yaw alone.
     Elsewhere the rates that move b1 are those of the allocation; rolling does not. Not looked at: how fast
     those rates have to change.
+
+    Limits that are met exactly are let pass, and leave nothing to converge with: on a circle of 2 m at 2 m/s
+    with rates of at most its 1 rad/s, 3.7 % of flights had not converged after 1000 s, and with 1.02 rad/s
+    all had after 300 s. Pitch and yaw count together as the root of their squares' sum, which rates about the
+    body axes give at one angle of roll alone.
     """
     if limits.speed_min_m_s >= limits.speed_max_m_s:
         yield Problem(
@@ -35,12 +40,15 @@ def infeasible(
             f" = {limits.speed_min_m_s:g}: must be below speed_max_m_s = {limits.speed_max_m_s:g}",
         )
         return
+    step_s = trajectory.cycle_s / INSTANTS
+    moving = [_in_its_space(sample(trajectory, step_s * i), planar) for i in range(INSTANTS)]
     if law.name == "paper" and limits.speed_min_m_s >= 0.0:
         yield Problem(
             "limits.speed_min_m_s",
             f' = {limits.speed_min_m_s:g}: the law "paper" reverses where the vehicle faces away, and never '
             'converges from there if it may not; set law.name = "global", which only goes forward, or '
-            "a value below 0",
+            f"below {-max(norm(r.velocity) for r in moving):.3g}, the trajectory's speed: reverse has to be "
+            "as fast as it",
         )
     fastest = min(limits.speed_max_m_s, full_thrust_m_s)
     bounded_by = "(limits.speed_max_m_s, vehicle.speed_at_full_thrust_m_s)"
@@ -51,8 +59,6 @@ def infeasible(
                 f"law.error_function.{key}",
                 f" = {approach_m_s:g}: the vehicle moves at most at {fastest:g} m/s {bounded_by}",
             )
-    step_s = trajectory.cycle_s / INSTANTS
-    moving = [_in_its_space(sample(trajectory, step_s * i), planar) for i in range(INSTANTS)]
     for found in (
         _too_fast_or_slow(moving, limits.speed_min_m_s, fastest, bounded_by),
         _too_sudden(moving, limits.acceleration_max_m_s2),

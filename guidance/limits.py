@@ -79,7 +79,10 @@ def limited_speed(limits: Limits, u4: float, previous: float, dt: float) -> floa
 def limited_rates(
     limits: Limits, u1: float, u2: float, u3: float, previous: Controls, dt: float
 ) -> tuple[float, float, float]:
-    """The rates (rad/s) that can be asked for `dt` s after `previous`, for these that are wanted."""
+    """The rates (rad/s) that can be asked for `dt` s after `previous`, for these that are wanted.
+
+    Where no limit bites these are the wanted ones, to the bit.
+    """
     p = limits.roll_rate_rad_s
     q = limits.pitch_rate_rad_s
     r = limits.yaw_rate_rad_s
@@ -107,19 +110,21 @@ def limited_rates(
     from1 = clamp(previous.u1, -p, p)
     from2 = clamp(previous.u2, -q, q)
     from3 = clamp(previous.u3, -r, r)
-    c1, c2, c3 = u1 - from1, u2 - from2, u3 - from3
     a1 = a1 * dt if a1 < inf else inf
     a2 = a2 * dt if a2 < inf else inf
     a3 = a3 * dt if a3 < inf else inf
     if limits.keep_direction:
+        c1, c2, c3 = u1 - from1, u2 - from2, u3 - from3
         part = _part(_part(_part(1.0, c1, a1), c2, a2), c3, a3)
-        c1 *= part
-        c2 *= part
-        c3 *= part
+        # Not with a part of 1: from + (u - from) is u but for rounding, and u unchanged means no limit.
+        if part < 1.0:
+            u1 = clamp(from1 + part * c1, -p, p)
+            u2 = clamp(from2 + part * c2, -q, q)
+            u3 = clamp(from3 + part * c3, -r, r)
     return (
-        clamp(from1 + clamp(c1, -a1, a1), -p, p),
-        clamp(from2 + clamp(c2, -a2, a2), -q, q),
-        clamp(from3 + clamp(c3, -a3, a3), -r, r),
+        clamp(u1, from1 - a1, from1 + a1),
+        clamp(u2, from2 - a2, from2 + a2),
+        clamp(u3, from3 - a3, from3 + a3),
     )
 
 

@@ -236,3 +236,24 @@ def test_the_c_loop_of_the_benchmark_flies_the_same_flights() -> None:
     assert difference(outcomes, loop(plan, starts[:, :8], 2)) < 1e-9
     other = replace(plan, k=(1.001, 1.001))
     assert difference(outcomes, loop(other, starts[:, :8], 2)) > 1e-6
+
+
+def test_a_turn_that_counts_on_less_than_its_slew_leaves_the_rest_for_lag_and_delay() -> None:
+    """`SLEW_PART`: counting on all of it, 29 of these 40 turn to and fro past the field and do not settle."""
+    plan = Plan(
+        flights=40,
+        seed=1,
+        duration_s=30.0,
+        law="global",
+        trajectory=Circle(speed_m_s=2.0),
+        distance_m=(0.0, 10.0),
+        speed_min_m_s=(0.0, 0.0),
+        rho2_per_s=(5.0, 5.0),
+        rho3_per_s=(5.0, 5.0),
+        turn_acceleration_rad_s2=5.0,
+        rate_lag_s=(0.1, 0.1),
+        delay_s=(0.1, 0.1),
+    )
+    outcomes = fly_range(plan, 0, 40)[1]
+    assert np.max(outcome(outcomes, "settled_s")) < 15.0
+    assert np.max(outcome(outcomes, "final_error_m")) < 1e-6

@@ -55,7 +55,12 @@ def refusal(*overrides: str, text: str = TEXT) -> str:
         (["limits.speed_min_m_s=0"], 'limits.speed_min_m_s = 0: the law "paper" reverses'),
         (
             ["limits.speed_min_m_s=0.1"],
-            'set law.name = "global", which only goes forward, or a value below 0',
+            'set law.name = "global", which only goes forward, or below -0.141, the trajectory\'s speed: '
+            "reverse has to be as fast as it",
+        ),
+        (
+            ["limits.speed_min_m_s=0", "trajectory.name=circle", "trajectory.speed_m_s=2"],
+            "or below -2, the trajectory's speed",
         ),
         (
             ["trajectory.radius_m=0.01", "trajectory.speed_m_s=0.4"],

@@ -82,6 +82,15 @@ def test_rates_change_no_faster_than_they_may_and_stay_within(
 
 
 @properties
+@given(st.booleans(), st.sampled_from([1.0, inf]), *(reals(3.0) for _ in range(6)))
+def test_what_no_limit_bites_is_asked_for_to_the_bit(
+    keep: bool, dt: float, u1: float, u2: float, u3: float, from1: float, from2: float, from3: float
+) -> None:
+    previous = Controls(from1, from2, from3, 0.0)
+    assert limited_rates(bounds(3.0, 3.0, 3.0, keep, 6.0), u1, u2, u3, previous, dt) == (u1, u2, u3)
+
+
+@properties
 @given(
     st.floats(0.0, 2.0),
     st.floats(2.1, 9.0),

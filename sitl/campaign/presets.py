@@ -11,7 +11,8 @@ from guidance.se3 import IDENTITY, Quaternion, Vec3, from_euler, from_yaw, norm
 from guidance.trajectory import Circle, Helix, Line, Trajectory, sample
 from sitl.campaign.plan import Plan, Start
 
-#: Flights of the table's first row; each of the other random rows has a tenth of it.
+#: Flights of the table's first row; each of the other random rows has a tenth of it: those with lag fly
+#: several times slower.
 TABLE_FLIGHTS: Final = 1_000_000
 
 _FORWARD: Final = (0.0, 0.0)

@@ -33,7 +33,7 @@ def campaign(
         str | None, typer.Option(help="A named set of campaigns instead of the options: table.")
     ] = None,
     flights: Annotated[
-        int | None, typer.Option(help="How many; default 10,000, of the table's first row 1,000,000.")
+        int | None, typer.Option(help="How many; default 10,000, of the table 1,000,000 or a tenth.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="The same seed gives the same numbers; default 0.")] = None,
     law: Annotated[str | None, typer.Option(help="paper (default) or global.")] = None,

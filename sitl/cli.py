@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import os
 import sys
 import time
 from pathlib import Path
@@ -215,10 +216,14 @@ def bench_campaign(
 
 
 def main() -> None:
-    """Entry point of the console script; a wrong option is one line on stderr and exit status 2."""
+    """Entry point of the console script; a wrong option is one line on stderr and exit status 2.
+
+    What fails later, such as a full disk under stdout, is one line and exit status 1.
+    """
     usage_error = cast(type[Exception], typer.BadParameter.__bases__[0])
     try:
         status = app(standalone_mode=False)
+        sys.stdout.flush()
     except usage_error as error:
         message = getattr(error, "format_message", error.__str__)()
         if message:
@@ -226,6 +231,13 @@ def main() -> None:
         status = 2
     except typer.Abort:
         status = 130
+    except OSError as error:
+        sys.stderr.write(f"sitl: {error}\n")
+        status = 1
+        try:
+            sys.stdout.flush()
+        except OSError:  # and once more when the interpreter ends, unless it goes elsewhere
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status if isinstance(status, int) else 0)
 
 

@@ -86,6 +86,33 @@ def test_what_is_drawn_fills_its_ranges() -> None:
         assert np.ptp(parameter(rows, name)) == 0.0 or name == "gust_phase_rad"
 
 
+def test_no_two_of_what_is_drawn_come_from_one_number() -> None:
+    plan = Plan(
+        flights=4000,
+        duration_s=0.1,
+        start_s=(0.0, 6.0),
+        k=(0.5, 2.0),
+        rho2_per_s=(5.0, 20.0),
+        rho3_per_s=(5.0, 20.0),
+        beta=(0.5, 2.0),
+        speed_min_m_s=(-5.0, 0.0),
+        speed_max_m_s=(1.0, 5.0),
+        rate_max_rad_s=(1.0, 5.0),
+        wind_m_s=(0.0, 1.0),
+        gust_m_s=(0.0, 1.0),
+        delay_s=(0.0, 0.1),
+        rate_lag_s=(0.0, 0.1),
+        speed_lag_s=(0.0, 0.1),
+        start_speed_m_s=(0.0, 5.0),
+        start_rate_rad_s=(0.0, 5.0),
+    )
+    assert set(plan.varying()) == set(PARAMETERS)
+    rows, _ = fly_range(plan, 0, plan.flights)
+    together = np.abs(np.corrcoef(rows, rowvar=False)) - np.eye(len(PARAMETERS))
+    a, b = np.unravel_index(np.argmax(together), together.shape)
+    assert together[a, b] < 0.1, (PARAMETERS[a], PARAMETERS[b])
+
+
 def test_flights_start_with_a_drawn_speed_and_drawn_rates_about_any_axis() -> None:
     plan = replace(
         SMALL, flights=4000, duration_s=0.1, start_speed_m_s=(-1.0, 5.0), start_rate_rad_s=(2.0, 5.0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 
 from guidance.se3 import Quaternion, Vec3
 from sitl import cli
+from sitl.campaign import plots
 from sitl.campaign.plan import Plan, Start
 from sitl.campaign.run import load
 
@@ -88,6 +91,8 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
         (["--output", "x.csv"], "must end in .npz"),
         (["--plot", "x.npz"], "must end in .png"),
         (["--threads", "0"], "threads"),
+        (["--output", "/proc/x.npz"], "/proc/x.npz: cannot be written"),
+        (["--plot", "/proc/x.png"], "/proc/x.png: cannot be written"),
     ],
 )
 def test_bad_options_are_refused_with_key_and_reason(
@@ -130,3 +135,78 @@ def test_with_json_it_says_all_in_one_object_and_writes_nothing(
     assert only["summary"]["converged"] == 0.0
     assert found["steps"] == 1000
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--output=taken.npz", "--plot=taken.png"])
+def test_a_directory_is_refused_before_the_flights(
+    option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    taken = Path(option.partition("=")[2])
+    taken.mkdir()
+    # Nobody waits for as many flights.
+    assert command(monkeypatch, "--flights", "10000000", option) == 2
+    assert capsys.readouterr().err == f"sitl campaign: {taken}: is a directory, and must be a file\n"
+    assert list(Path().iterdir()) == [taken]
+
+
+def test_more_flights_than_memory_holds_are_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("os.sysconf", lambda name: {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 1 << 20}[name])
+    assert command(monkeypatch, "--flights", "1000000000", "--json") == 2
+    # The pose at the start, and the outcomes.
+    assert capsys.readouterr().err == (
+        "sitl campaign: flights: 1,000,000,000 need 152.0 GB of memory, and this machine has 1.0 GB\n"
+    )
+
+
+def test_a_file_that_fails_leaves_the_older_one_the_summary_and_the_other_file(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def full(results: object, path: Path) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(plots, "write", full)
+    Path("campaign.png").write_bytes(b"older")
+    assert command(monkeypatch, "--flights", "10", "--duration", "2") == 1
+    said = capsys.readouterr()
+    assert "converged" in said.out
+    assert said.err == "sitl: campaign.png: cannot be written: No space left on device\n"
+    assert Path("campaign.png").read_bytes() == b"older"
+    assert len(load(Path("campaign.npz"))["campaign"]["settled_s"]) == 10
+    assert sorted(path.name for path in Path().iterdir()) == ["campaign.npz", "campaign.png"]
+
+
+def test_a_stdout_that_fails_takes_no_results_with_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def full(text: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("typer.echo", full)
+    arguments = ["--flights", "10", "--duration", "2", "--json", "--output", "x.npz"]
+    assert command(monkeypatch, *arguments) == 1
+    assert capsys.readouterr().err == "sitl: [Errno 28] No space left on device\n"
+    assert len(load(Path("x.npz"))["campaign"]["settled_s"]) == 10
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["paper --figure 1 --json", "bench --json", "campaign --flights 1 --duration 1 --json"],
+)
+def test_a_full_disk_under_stdout_is_one_line_and_status_1(arguments: str) -> None:
+    code = "from sitl import bench, cli; bench.run = lambda: []; cli.main()"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments.split()],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (1, "sitl: [Errno 28] No space left on device\n")

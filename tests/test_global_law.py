@@ -174,7 +174,7 @@ def test_from_random_starts_within_50_m_of_the_helix_every_flight_is_within_1_cm
     assert max(settled) < 15.0
 
 
-def hard_starts(curve: Trajectory, lambda_k: float) -> list[tuple[str, Pose, float]]:
+def starts_near_the_reference(curve: Trajectory, lambda_k: float) -> list[tuple[str, Pose, float]]:
     """What is hard about a start, the start, and its speed in m/s."""
     dice = random.Random(7)
     r = sample(curve, 0.0)
@@ -212,7 +212,7 @@ def hard_starts(curve: Trajectory, lambda_k: float) -> list[tuple[str, Pose, flo
 def test_from_the_hard_starts_every_flight_arrives_also_at_nine_tenths_of_the_highest_speed(
     curve: Trajectory, within_s: float, lag_s: float
 ) -> None:
-    hard = hard_starts(curve, GLOBAL_LAW.gains.k / GLOBAL_LAW.gains.beta)
+    hard = starts_near_the_reference(curve, GLOBAL_LAW.gains.k / GLOBAL_LAW.gains.beta)
     for what, start, speed in hard[:: 2 if lag_s else 1]:
         twist = Twist(ZERO, Vec3(speed, 0.0, 0.0))
         flight = fly(GLOBAL_LAW, curve, start, within_s + 2.0, twist=twist, lag_s=lag_s)
@@ -226,7 +226,7 @@ def test_a_vehicle_that_cannot_stop_converges_on_a_circle_and_never_gets_less(
     dice = random.Random(5)
     curve = Circle(radius_m=10.0, speed_m_s=2.0)
     parameters = GLOBAL_LAW._replace(limits=FORWARD._replace(speed_min_m_s=speed_min))
-    starts = [pose for _, pose, _ in hard_starts(curve, 1.5)[::3]]
+    starts = [pose for _, pose, _ in starts_near_the_reference(curve, 1.5)[::3]]
     starts += [random_pose(dice, sample(curve, 0.0).position, 15.0) for _ in range(6)]
     for start in starts:
         flight = fly(parameters, curve, start, 20.0, lag_s=lag_s)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 if TYPE_CHECKING:  # numpy and numba are slow to import, and of an extra: only a campaign waits for them
     from sitl.campaign.plan import Plan
+    from sitl.campaign.run import Result
 
 _PAIR: Final = "X|LOW:HIGH"
 _PLOTS: Final = (".png", ".svg", ".pdf")
@@ -30,7 +33,7 @@ def campaign(
         str | None, typer.Option(help="A named set of campaigns instead of the options: table.")
     ] = None,
     flights: Annotated[
-        int | None, typer.Option(help="How many; default 10,000, of the table's first row 1,000,000.")
+        int | None, typer.Option(help="How many; default 10,000, of the table 1,000,000 or a tenth.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="The same seed gives the same numbers; default 0.")] = None,
     law: Annotated[str | None, typer.Option(help="paper (default) or global.")] = None,
@@ -160,16 +163,16 @@ def campaign(
     except ModuleNotFoundError as error:
         sys.stderr.write(f"sitl campaign: needs {error.name}, of the extra se3-guidance[sitl]\n")
         raise typer.Exit(2) from None
-    except (ValueError, OSError) as error:
+    except ValueError as error:
         sys.stderr.write(f"sitl campaign: {error}\n")
         raise typer.Exit(2) from None
 
 
 def _file(given: Path | None, default: str, endings: tuple[str, ...], as_json: bool) -> Path | None:
-    """Where it goes, refused now rather than after the flights."""
+    """Where it goes, if anywhere."""
     path = given if given is not None or as_json else Path(default)
     if path is not None and not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: there is no directory {path.parent}")
+        raise ValueError(f"{path}: there is no directory {path.parent}")
     if path is not None and path.suffix.lower() not in endings:
         raise ValueError(f"{path}: must end in {' or '.join(endings)}")
     return path
@@ -202,43 +205,78 @@ def _preset(name: str, given: dict[str, Any]) -> list[Plan]:
 def _fly(
     plans: list[Plan], threads: int | None, output: Path | None, plot: Path | None, as_json: bool
 ) -> None:
+    """Fly, say what came of it, and then write it: a file that fails takes nothing else with it.
+
+    Raises:
+        ValueError: more flights than memory holds, or a file that cannot be; before the flights.
+        OSError: of a file or stdout that fails after them.
+    """
+    from sitl.campaign.files import replacing
     from sitl.campaign.report import show, summary
-    from sitl.campaign.run import run, save
+    from sitl.campaign.run import save
 
     if plot is not None:
         from sitl.campaign import plots  # missing libraries show before the flights
+    _check_memory(plans)
+    with ExitStack() as files:
+        fill_output = files.enter_context(replacing(output)) if output is not None else None
+        fill_plot = files.enter_context(replacing(plot)) if plot is not None else None
+        results, seconds = _flown(plans, threads)
+        summaries = [summary(result) for result in results]
+        steps = sum(plan.flights * plan.steps for plan in plans)
+        try:
+            if as_json:
+                campaigns = [
+                    {"plan": plan.as_dict(), "summary": found}
+                    for plan, found in zip(plans, summaries, strict=True)
+                ]
+                typer.echo(json.dumps({"campaigns": campaigns, "steps": steps, "seconds": seconds}))
+            else:
+                console = Console()
+                # A pipe has no width: there the table is as wide as it needs to be.
+                show(summaries, plans[0].within_m, console if console.is_terminal else Console(width=160))
+                typer.echo(f"{steps:,} steps in {seconds:.1f} s")
+        finally:  # a pipe that nobody reads any longer takes no files with it either
+            if fill_output is not None:
+                fill_output(partial(save, results))
+            if fill_plot is not None:
+                # Named starts are too few for a region.
+                fill_plot(partial(plots.write, [result for result in results if not result.plan.starts]))
+        for path in (output, plot):
+            if path is not None and not as_json:
+                typer.echo(path)
+
+
+def _check_memory(plans: list[Plan]) -> None:
+    from sitl.campaign.run import memory_bytes
+
+    needed = sum(memory_bytes(plan) for plan in plans)
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > there:
+        raise ValueError(
+            f"flights: {sum(plan.flights for plan in plans):,} need {needed / 1e9:,.1f} GB of memory, "
+            f"and this machine has {there / 1e9:,.1f} GB"
+        )
+
+
+def _flown(plans: list[Plan], threads: int | None) -> tuple[list[Result], float]:
+    """The results, and the seconds they took."""
+    from sitl.campaign.run import run
+
     results = []
     started_s = time.perf_counter()
+    console = Console(stderr=True)
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=console,
         transient=True,
+        disable=not console.is_terminal,
     )
     with bar:
         for plan in plans:
             task = bar.add_task(plan.name, total=plan.flights)
             results.append(run(plan, threads, on_progress=partial(bar.advance, task)))
-    seconds = time.perf_counter() - started_s
-    steps = sum(plan.flights * plan.steps for plan in plans)
-    summaries = [summary(result) for result in results]
-    if output is not None:
-        save(results, output)
-    if plot is not None:
-        # Named starts are too few for a region.
-        plots.write([result for result in results if not result.plan.starts], plot)
-    if as_json:
-        campaigns = [
-            {"plan": plan.as_dict(), "summary": found} for plan, found in zip(plans, summaries, strict=True)
-        ]
-        typer.echo(json.dumps({"campaigns": campaigns, "steps": steps, "seconds": seconds}))
-        return
-    console = Console()
-    # A pipe has no width: there the table is as wide as it needs to be.
-    show(summaries, plans[0].within_m, console if console.is_terminal else Console(width=160))
-    typer.echo(f"{steps:,} steps in {seconds:.1f} s")
-    for path in (output, plot):
-        if path is not None:
-            typer.echo(path)
+    return results, time.perf_counter() - started_s

@@ -11,7 +11,8 @@ from guidance.se3 import IDENTITY, Quaternion, Vec3, from_euler, from_yaw, norm
 from guidance.trajectory import Circle, Helix, Line, Trajectory, sample
 from sitl.campaign.plan import Plan, Start
 
-#: Flights of the table's first row; each of the other random rows has a tenth of it.
+#: Flights of the table's first row and of the one with lag, which alone feels the motion at the start; each
+#: of the other random rows has a tenth of it.
 TABLE_FLIGHTS: Final = 1_000_000
 
 _FORWARD: Final = (0.0, 0.0)
@@ -100,7 +101,7 @@ def table(flights: int = TABLE_FLIGHTS, seed: int = 0) -> list[Plan]:
         start_rate_rad_s=(0.0, 5.0),
     )
     fewer = replace(random, flights=max(1, flights // 10))
-    lagging = replace(fewer, name="global, 100 ms of lag", rate_lag_s=(0.1, 0.1), speed_lag_s=(0.1, 0.1))
+    lagging = replace(random, name="global, 100 ms of lag", rate_lag_s=(0.1, 0.1), speed_lag_s=(0.1, 0.1))
     fast = replace(fewer, name="global, helix at 0.9 v_max", trajectory=_FAST)
     circling = replace(
         fewer,

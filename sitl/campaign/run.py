@@ -44,6 +44,11 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def memory_bytes(plan: Plan) -> int:
+    """What its result takes."""
+    return 8 * plan.flights * (len(plan.varying()) + len(OUTCOMES))
+
+
 def fly_range(plan: Plan, first: int, count: int) -> tuple[Rows, Rows]:
     """Parameters and outcomes of flights `first` to `first + count - 1`.
 

@@ -7,13 +7,13 @@ never confirms anything.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import SupervisorConfig
 from guidance.mavlink.messages import CommandAck
-from guidance.mavlink.profiles import Mode, Profile
+from guidance.mavlink.profiles import Mode, Profile, command_long, set_mode_command
 from guidance.supervisor import State
 from guidance.view import View
 
@@ -75,3 +75,10 @@ class Commands:
             return None
         self._sent_ns = now_ns
         return wanted
+
+
+def command_of(wanted: Mode | bool, system: int, component: int) -> Any:
+    """COMMAND_LONG for a mode, or to arm."""
+    if isinstance(wanted, Mode):
+        return set_mode_command(wanted, system, component)
+    return command_long(system, component, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)

@@ -10,10 +10,13 @@ burst of old datagrams is read to its end before a single setpoint is computed f
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.commanding import command_of
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimate, Estimator
@@ -31,14 +34,8 @@ from guidance.mavlink.messages import (
     StateBody,
     StatusText,
 )
-from guidance.mavlink.profiles import (
-    Mode,
-    command_long,
-    neutral,
-    set_attitude_target,
-    set_mode_command,
-)
-from guidance.mavlink.report import absence, link_record
+from guidance.mavlink.profiles import Outgoing, neutral, set_attitude_target
+from guidance.mavlink.report import link_record
 from guidance.mavlink.streams import Stream
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, stalled, young
@@ -47,7 +44,7 @@ from guidance.reporting import Cadence, News, setpoint_records, state_record, st
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
 from guidance.timing import LoopTiming, Pace
 from guidance.tracker import Solution, Tracker, is_usable
-from guidance.view import View
+from guidance.view import seen
 from guidance.words import SEVERITY, Words
 
 _WATCH_NS: Final = 50_000_000
@@ -80,6 +77,7 @@ class Guide:
         self._news = News()
         self._cadence = Cadence()
         self._records: list[Record] = []
+        self._put_off: list[Callable[[], None]] = []
         self._packets: list[bytes] = []
         self._input_seq = 0
         self._pace = Pace(config.link.rate_hz)
@@ -111,6 +109,7 @@ class Guide:
 
     def handle(self, event: Input) -> None:
         """The one way in; the others build its events."""
+        self._catch_up()
         now_ns = event.t_ns
         self._input_seq = event.seq + 1
         self._records.append(event)
@@ -147,7 +146,8 @@ class Guide:
         return packets
 
     def records(self) -> list[Record]:
-        """What to publish and log, in order; empty after."""
+        """What to publish and log, in order; empty after. Ask after sending: some are made only now."""
+        self._catch_up()
         taken, self._records = self._records, []
         return taken
 
@@ -204,8 +204,13 @@ class Guide:
             self._supervise(now_ns)
         if self.engagement.streaming and now_ns >= self._pace.due_ns:
             self._setpoint(now_ns)
-        for name in self._cadence.due(now_ns):
-            self._records += self._periodic(name, now_ns)
+        self._put_off.append(partial(self._tell_periodic, now_ns))
+
+    def _catch_up(self) -> None:
+        """Make the records that had to wait until the packets are out; nothing has entered since."""
+        works, self._put_off = self._put_off, []
+        for work in works:
+            work()
 
     def _supervise(self, now_ns: int) -> None:
         moved = self._estimator.origin.look(self.link.origin, flying=self.tracker.start_ns is not None)
@@ -219,19 +224,24 @@ class Guide:
             mode_age_s = modes.status(now_ns).age_s
         mode_ns = None if mode_age_s is None else now_ns - round(mode_age_s * 1e9)
         self.engagement.contact.look(self.link.received, self.link.heartbeat_ns, mode_ns, now_ns)
-        view = self._view(blocked, now_ns)
+        view = seen(
+            self.link,
+            self.engagement.contact,
+            self.connection.scheme,
+            now_ns,
+            blocked=blocked,
+            setpoints_sent=self.setpoints_sent,
+            sent_ns=self._sent_ns,
+            answer=self._words.answer,
+        )
         for change in self.engagement.update(view, now_ns):
             self._changed(change, now_ns)
         expired = self.engagement.expired(now_ns)
         if expired is not None:
             self._event(Level.WARNING, "engage_expired", expired, now_ns)
         wanted = self.engagement.due_command(view, now_ns)
-        system, component = self.link.system, self.link.component
-        if isinstance(wanted, Mode):
-            self.link.send(set_mode_command(wanted, system, component))
-        elif wanted is not None:
-            arm = dialect.MAV_CMD_COMPONENT_ARM_DISARM
-            self.link.send(command_long(system, component, arm, 1.0))
+        if wanted is not None:
+            self.link.send(command_of(wanted, self.link.system, self.link.component))
 
     def _changed(self, change: Change, now_ns: int) -> None:
         loud = change.after in _LOUD
@@ -246,25 +256,6 @@ class Guide:
             self._pace.due_ns = now_ns
         if change.after not in (State.TRACKING, State.LEAVING):
             self.tracker.stop()
-
-    def _view(self, blocked: str | None, now_ns: int) -> View:
-        link = self.link
-        connected = link.connected(now_ns)
-        return View(
-            connected=connected,
-            absent_because="" if connected else absence(link, self.connection.scheme),
-            armed=link.armed,
-            custom_mode=link.custom_mode,
-            intended_mode=link.intended_mode,
-            blocked=blocked,
-            setpoints_sent=self.setpoints_sent,
-            silent_s=float("inf") if self._sent_ns is None else (now_ns - self._sent_ns) * 1e-9,
-            answer=self._words.answer,
-            heartbeat_ns=link.heartbeat_ns,
-            unheard_s=self.engagement.contact.unheard_s,
-            unanswered_s=link.uplink_age_s(now_ns) or 0.0,
-            certain=self.engagement.contact.certain,
-        )
 
     # Setpoints ---------------------------------------------------------------------------------------
 
@@ -295,6 +286,11 @@ class Guide:
         self.setpoints_sent += 1
         self._sent_ns = now_ns
         self._silent_because = ""
+        self._put_off.append(partial(self._tell_setpoint, estimate, solution, out, due_ns, now_ns))
+
+    def _tell_setpoint(
+        self, estimate: Estimate, solution: Solution | None, out: Outgoing, due_ns: int, now_ns: int
+    ) -> None:
         gap_s = self.timing.sent(due_ns, now_ns)
         if gap_s is not None:
             self._event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
@@ -310,6 +306,10 @@ class Guide:
         """The state at the instant that a setpoint sent now acts, or why there is none to be used."""
         estimate = self._estimator.at(now_ns + self._actuation_delay_ns)
         return young(estimate, self.config.link)
+
+    def _tell_periodic(self, now_ns: int) -> None:
+        for name in self._cadence.due(now_ns):
+            self._records += self._periodic(name, now_ns)
 
     def _periodic(self, name: str, now_ns: int) -> list[Record]:
         if name == "state":

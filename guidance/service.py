@@ -20,7 +20,7 @@ from guidance.config import Config, to_json
 from guidance.notify import Notifier
 from guidance.records import SCHEMA_VERSION, Command, Session
 from guidance.shell import Shell
-from guidance.telemetry.sinks import configured_sinks
+from guidance.telemetry.sinks import Sinks, configured_sinks
 
 #: An actuator failed, or works again: SIGRTMIN + i (`kill -s RTMIN+1`) commands the i-th.
 ALLOCATION_COMMANDS: Final = (
@@ -51,9 +51,14 @@ def new_session(config: Config) -> Session:
     )
 
 
-async def _serve(config: Config) -> int:
+def sinks_of(config: Config, session: Session) -> Sinks:
+    """What the configuration wants; raises ConfigError for bad zenoh settings."""
+    return Sinks(configured_sinks(config, session))
+
+
+async def _serve(config: Config, gather: Callable[[Config, Session], Sinks]) -> int:
     session = new_session(config)
-    sinks = configured_sinks(config, session)
+    sinks = gather(config, session)
     notifier = Notifier(os.environ, os.getpid())
     shell = Shell(config, sinks, session, notifier)
     loop = asyncio.get_running_loop()
@@ -101,10 +106,11 @@ def _leave_at_the_latest(status: Callable[[], int]) -> None:
     timer.start()
 
 
-def serve(config: Config) -> int:
+def serve(config: Config, gather: Callable[[Config, Session], Sinks] = sinks_of) -> int:
     """Run the service until SIGTERM or SIGINT, SIGUSR1 commands to engage; the exit status.
 
-    0 after a shutdown, 1 after an internal error, which is told on stderr.
+    0 after a shutdown, 1 after an internal error, which is told on stderr. `gather` makes the sinks that the
+    records go to.
 
     Raises:
         ConfigError: no profile fits the configuration, or zenoh does not take its settings.
@@ -112,5 +118,5 @@ def serve(config: Config) -> int:
     try:
         import uvloop
     except ImportError:  # not published for this platform
-        return asyncio.run(_serve(config))
-    return uvloop.run(_serve(config))
+        return asyncio.run(_serve(config, gather))
+    return uvloop.run(_serve(config, gather))

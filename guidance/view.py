@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Profile
+from guidance.mavlink.report import absence
 
 #: More silence than this counts, or half the firmware's own time-out if that is less.
 SILENCE_S: Final = 0.75
@@ -101,6 +103,36 @@ class Attempt:
         if unheard_s > self._limit_s:
             return f"nothing heard of the autopilot for {unheard_s:.2f} s"
         return f"the autopilot has answered nothing for {unanswered_s:.2f} s: does what is sent arrive?"
+
+
+def seen(
+    link: AutopilotLink,
+    contact: Contact,
+    scheme: str,
+    now_ns: int,
+    *,
+    blocked: str | None,
+    setpoints_sent: int,
+    sent_ns: int | None,
+    answer: str,
+) -> View:
+    """What the link shows now; `sent_ns` is when the last setpoint was sent, None if none was."""
+    connected = link.connected(now_ns)
+    return View(
+        connected=connected,
+        absent_because="" if connected else absence(link, scheme),
+        armed=link.armed,
+        custom_mode=link.custom_mode,
+        intended_mode=link.intended_mode,
+        blocked=blocked,
+        setpoints_sent=setpoints_sent,
+        silent_s=float("inf") if sent_ns is None else (now_ns - sent_ns) * 1e-9,
+        answer=answer,
+        heartbeat_ns=link.heartbeat_ns,
+        unheard_s=contact.unheard_s,
+        unanswered_s=link.uplink_age_s(now_ns) or 0.0,
+        certain=contact.certain,
+    )
 
 
 def silence_limit_s(profile: Profile) -> float:

@@ -8,6 +8,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -213,6 +214,52 @@ def bench_campaign(
         for note in report["notes"]:
             typer.echo(note)
     raise typer.Exit(0 if report["met"] else 1)
+
+
+@benchmarks.command("latency")
+def bench_latency(
+    rounds: Annotated[int, typer.Option(min=1, help="Turns that each one takes at each rate.")] = 4,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
+) -> None:
+    """Measure state sent to setpoint received, over UDP, at 50 and 200 Hz: the service, mavsdk and an echo.
+
+    The service runs with telemetry and log on; mavsdk (the extra `bench`) does the same job in Python; the
+    echo is the floor. Takes a minute and a half. Exit status 0 only if every goal is met on this machine.
+    """
+    from sitl import bench_latency as latency
+
+    report = latency.measure(rounds)
+    _print_bench(report, latency.rows(report), report["notes"], as_json=as_json)
+    raise typer.Exit(0 if report["met"] else 1)
+
+
+@benchmarks.command("loop")
+def bench_loop(
+    rounds: Annotated[int, typer.Option(min=1, help="Turns, idle and under load.")] = 4,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
+) -> None:
+    """Measure how late the service's loop is, idle and with its sinks under load.
+
+    Load: every record ten times to log and zenoh, a `guidance watch`, and a sink that computes in Python
+    without end. Takes about a minute. Exit status 0 only if both goals are met on this machine.
+    """
+    from sitl import bench_loop as loop
+
+    report = loop.measure(rounds)
+    _print_bench(report, loop.rows(report), report["notes"], as_json=as_json)
+    raise typer.Exit(0 if report["met"] else 1)
+
+
+def _print_bench(
+    report: Mapping[str, object], rows: Sequence[tuple[str, str]], notes: Sequence[str], *, as_json: bool
+) -> None:
+    if as_json:
+        typer.echo(json.dumps(report))
+        return
+    for what, figures in rows:
+        typer.echo(f"{what:<22}{figures}")
+    for note in notes:
+        typer.echo(note)
 
 
 def main() -> None:

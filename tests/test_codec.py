@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
+from guidance.mavlink.codec import Frame, FrameReader, PacketWriter, Payload
 from guidance.mavlink.messages import CRC_EXTRA, DECODERS, MESSAGE_IDS
 from tests.mavlink_peer import SIGNATURE_BYTES, Sender, checksum, frame_by_hand
 from tests.strategies import properties
@@ -312,6 +312,16 @@ def test_packets_of_the_writer_are_what_pymavlink_reads_in_sequence() -> None:
     assert [message.get_seq() for message in read] == [n % 256 for n in range(300)]
     assert {(message.get_srcSystem(), message.get_srcComponent()) for message in read} == {(7, 191)}
     assert [(message.tc1, message.ts1) for message in read] == [(n, 2 * n) for n in range(300)]
+
+
+@properties
+@given(st.sampled_from(sorted(CRC_EXTRA)), st.binary(min_size=1, max_size=255))
+def test_a_payload_is_framed_with_its_trailing_zeros_cut(message_id: int, payload: bytes) -> None:
+    writer = PacketWriter(7, 191)
+    writer.pack(dialect.MAVLink_timesync_message(1, 2))
+    packet = writer.pack(Payload(message_id, payload))
+    cut = payload.rstrip(b"\0") or b"\0"
+    assert packet == frame_by_hand(message_id, cut, CRC_EXTRA[message_id], sequence=1, ids=(7, 191))
 
 
 def test_tables_cover_the_messages_that_are_read() -> None:

@@ -171,13 +171,13 @@ def test_every_field_is_clamped(
 ) -> None:
     profile = PROFILES[name]
     out = outgoing(profile, roll, pitch, yaw, speed_m_s, full_m_s)
-    message = set_attitude_target(profile, out, 1, 1, 2**40)
+    sent = bytes.fromhex(packed(set_attitude_target(profile, out, 1, 1, 2**40)))
+    (message,) = dialect.MAVLink(None).parse_buffer(sent)
     for rate in (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate):
-        assert -BODY_RATE_MAX_RAD_S <= rate <= BODY_RATE_MAX_RAD_S
+        assert abs(rate) <= BODY_RATE_MAX_RAD_S + 1e-6  # of 32 bits, too
     assert profile.thrust_min <= message.thrust <= profile.thrust_max
     assert out.speed_m_s == pytest.approx(min(max(speed_m_s, -full_m_s), full_m_s))
-    assert 0 <= message.time_boot_ms < 2**32
-    packed(message)
+    assert message.time_boot_ms == 0
 
 
 @pytest.mark.parametrize("value", [1e300, -1e300, math.inf, -math.inf])

@@ -21,7 +21,6 @@ def estimate(attitude_age_s: float = 0.01, position_age_s: float = 0.01, positio
         instant_ns=0,
         pose=Pose(position, IDENTITY),
         twist=Twist(ZERO, ZERO),
-        velocity_ned_m_s=ZERO,
         attitude=AttitudeSample(0, 0, IDENTITY, ZERO, "ATTITUDE"),
         position=PositionSample(0, 0, position, ZERO, "LOCAL_POSITION_NED"),
         attitude_age_s=attitude_age_s,

@@ -48,7 +48,8 @@ FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
-OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", BENCH_CAMPAIGN, ".ci/run"]
+BENCHES = [".venv/bin/sitl bench latency", ".venv/bin/sitl bench loop"]  # in tests of their own
+OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", BENCH_CAMPAIGN, *BENCHES, ".ci/run"]
 
 
 def words(command: str) -> list[str]:

@@ -5,10 +5,20 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance import core
+from guidance.core import Guide
 from guidance.figures import stream_figures
-from guidance.records import Event, Level, Link, State
+from guidance.records import Event, Input, Level, Link, Record, State
 from sitl.lockstep import Lockstep
-from tests.helpers import ROVER, events_of, fly_until_tracking, make_flight, records_of, setpoints_since
+from tests.helpers import (
+    ROVER,
+    events_of,
+    fly_until_tracking,
+    make_config,
+    make_flight,
+    records_of,
+    setpoints_since,
+)
 from tests.pilot import Pilot
 
 
@@ -94,3 +104,38 @@ def test_what_the_autopilot_gives_less_is_told_and_filled_in_from_prediction() -
     figures = stream_figures(setpoints_since(flight, since_ns))
     assert figures.rate_hz == pytest.approx(50.0, rel=0.02)
     assert figures.max_gap_s == pytest.approx(0.03, abs=0.001)
+
+
+def test_records_are_the_same_whenever_they_are_asked_for() -> None:
+    """Those that wait until the packets are out say what was so then, not when somebody asks."""
+    flight = make_flight()
+    flight.run(6.0)
+    inputs = records_of(flight, Input)
+    asked_often, asked_late = Guide(make_config()), Guide(make_config())
+    often: list[Record] = []
+    for event in inputs:
+        asked_often.handle(event)
+        often += asked_often.records()
+        asked_late.handle(event)
+    assert often == asked_late.records() == flight.records
+
+
+def test_a_setpoint_is_out_before_its_records_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+
+    def setpoint_records(*_: object) -> list[Record]:
+        made.append(1)
+        return []
+
+    flight = make_flight()
+    fly_until_tracking(flight)
+    monkeypatch.setattr(core, "setpoint_records", setpoint_records)
+    guide = Guide(make_config())
+    for event in records_of(flight, Input):
+        guide.handle(event)
+        if guide.setpoints_sent:
+            break
+    assert guide.packets()
+    assert not made
+    guide.records()
+    assert made

@@ -83,13 +83,17 @@ class Estimate(NamedTuple):
     instant_ns: int
     pose: Pose
     twist: Twist
-    velocity_ned_m_s: Vec3
     attitude: AttitudeSample
     position: PositionSample
     attitude_age_s: float
     position_age_s: float
     resets: int = 0
     offset_m: float = 0.0
+
+    @property
+    def velocity_ned_m_s(self) -> Vec3:
+        """The velocity in NED, m/s."""
+        return rotate(self.pose.attitude, self.twist.linear)
 
 
 class Estimator:
@@ -294,7 +298,6 @@ class Estimator:
             instant_ns=instant_ns,
             pose=pose,
             twist=twist,
-            velocity_ned_m_s=rotate(pose.attitude, twist.linear),
             attitude=attitude,
             position=position,
             attitude_age_s=(instant_ns - attitude.instant_ns) * 1e-9,

@@ -75,7 +75,7 @@ class ClockFilter:
     def to_local_ns(self, vehicle_ns: int) -> int:
         """The companion's monotonic time at which the autopilot's clock showed `vehicle_ns`."""
         # The drift is small, so that the offset at the approximate instant is the offset at the instant.
-        return vehicle_ns + self.offset_ns(vehicle_ns + self.offset_ns(self._at_ns))
+        return vehicle_ns + self.offset_ns(vehicle_ns + self._base_ns + round(self._offset_s * 1e9))
 
     def update(self, asked_ns: int, vehicle_ns: int, now_ns: int) -> bool:
         """Take an answer to the question sent at `asked_ns`; False if it was not believed."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from struct import Struct
 from typing import Any, Final, NamedTuple
 
 from fastcrc import crc16
@@ -29,6 +30,8 @@ START_V2: Final = 0xFD
 _START: Final = re.compile(rb"[\xfd\xfe]")
 _SIGNED: Final = 0x01
 _SIGNATURE_BYTES: Final = 13
+#: MAVLink 2 between the start byte and the payload; the message id has three bytes.
+_HEADER: Final = Struct("<6BHB")
 _EXTRA: Final = {message_id: bytes([extra]) for message_id, extra in CRC_EXTRA.items()}
 
 
@@ -141,14 +144,37 @@ def _frame(buffer: bytes, position: int) -> Frame | None:
     return Frame(message_id, system, component, sequence, payload, known=True)
 
 
+class Payload(NamedTuple):
+    """A message as the bytes of its payload, for what goes out too often to be packed by pymavlink."""
+
+    message_id: int
+    payload: bytes
+
+
 class PacketWriter:
-    """Packs pymavlink's messages with this component's ids and a running sequence number."""
+    """Packs messages with this component's ids and a running sequence number."""
 
     def __init__(self, system: int, component: int) -> None:
         self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
 
     def pack(self, message: Any) -> bytes:
-        """The wire bytes of one of pymavlink's message objects (MAVLink 2, unsigned)."""
-        packet = bytes(message.pack(self._mav))
+        """The wire bytes of a `Payload` or of one of pymavlink's message objects (MAVLink 2, unsigned)."""
+        packet = self._frame(*message) if isinstance(message, Payload) else bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return packet
+
+    def _frame(self, message_id: int, payload: bytes) -> bytes:
+        payload = payload.rstrip(b"\0") or payload[:1]
+        mav = self._mav
+        header = _HEADER.pack(
+            len(payload),
+            0,
+            0,
+            mav.seq,
+            mav.srcSystem,
+            mav.srcComponent,
+            message_id & 0xFFFF,
+            message_id >> 16,
+        )
+        checksum = crc16.mcrf4xx(header + payload + _EXTRA[message_id])
+        return b"\xfd" + header + payload + checksum.to_bytes(2, "little")

@@ -10,13 +10,17 @@ Sources: PX4 `src/modules/mavlink/mavlink_receiver.cpp` (main, 2025-08), ArduPil
 from __future__ import annotations
 
 import math
+from struct import Struct
 from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
+from guidance.mavlink.codec import Payload
 from guidance.mavlink.requirements import PX4_OFFBOARD, ROVER_GUIDED, Requirement
 
+#: Time, attitude, body rates, thrust; target, mask. The extension, thrust_body, is zero and left out.
+_ATTITUDE_TARGET: Final = Struct("<I8f3B")
 _IGNORE_ROLL_RATE: Final = 1
 _IGNORE_PITCH_RATE: Final = 2
 _IGNORE_ATTITUDE: Final = 128
@@ -213,22 +217,23 @@ def neutral(profile: Profile, speed_at_full_thrust_m_s: float) -> Outgoing:
 
 def set_attitude_target(
     profile: Profile, setpoint: Outgoing, system: int, component: int, boot_ms: int
-) -> Any:
+) -> Payload:
     """SET_ATTITUDE_TARGET (82) for this autopilot; the attitude is masked and its field neutral.
 
     Raises ValueError for a number that is not finite: to the autopilot NaN means anything but "nothing".
     """
     if not all(map(math.isfinite, (*setpoint.body_rates_frd_rad_s, setpoint.thrust))):
         raise ValueError(f"a setpoint that is not finite: {setpoint}")
-    return dialect.MAVLink_set_attitude_target_message(
+    payload = _ATTITUDE_TARGET.pack(
         boot_ms & 0xFFFFFFFF,
+        *(1.0, 0.0, 0.0, 0.0),
+        *setpoint.body_rates_frd_rad_s,
+        setpoint.thrust,
         system,
         component,
         profile.type_mask,
-        [1.0, 0.0, 0.0, 0.0],
-        *setpoint.body_rates_frd_rad_s,
-        setpoint.thrust,
     )
+    return Payload(dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
 
 
 def set_mode_command(mode: Mode, system: int, component: int) -> Any:

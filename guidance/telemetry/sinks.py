@@ -69,7 +69,7 @@ class Sinks:
         return left
 
 
-def configured_sinks(config: Config, session: Session) -> Sinks:
+def configured_sinks(config: Config, session: Session) -> dict[str, Sink]:
     """Every sink that the configuration wants, and the console; raises ConfigError for bad zenoh settings."""
     sinks: dict[str, Sink] = {"console": Console(session.unix_offset_ns)}
     if config.log.enabled:
@@ -94,4 +94,4 @@ def configured_sinks(config: Config, session: Session) -> Sinks:
             )
         except ValueError as error:
             raise ConfigError(str(error)) from None
-    return Sinks(sinks)
+    return sinks

@@ -108,7 +108,8 @@ def test_a_line_that_nobody_reads_blocks_nothing_and_gets_no_late_packet(port: P
         if line.dropped == before:
             whole.append(packet[10:-2])
     assert 0 < len(whole) < len(sent) - 100
-    reader, arrived = FrameReader(stream=True), []
+    reader = FrameReader(stream=True)
+    arrived: list[bytes] = []
 
     def comes_within(seconds: float) -> bool:
         return bool(select.select([port.master], [], [], seconds)[0])

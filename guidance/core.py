@@ -131,9 +131,10 @@ class Guide:
                 if event.kind is InputKind.LINK_UP:
                     self.link.reader.forget()
                     self._records += self._line.opened(now_ns)
-        for packet in self.link.drain():
-            self._packets.append(packet)
-            self._records.append(Packet(t_ns=now_ns, input_seq=event.seq, data=packet))
+        packets = self.link.drain()
+        if packets:
+            self._packets += packets
+            self._put_off.append(partial(self._tell_packets, packets, event))
 
     def _streams_at(self, rate_hz: float) -> list[Stream]:
         return streams_at(rate_hz, self.config, self.profile, self.connection)
@@ -211,6 +212,9 @@ class Guide:
         works, self._put_off = self._put_off, []
         for work in works:
             work()
+
+    def _tell_packets(self, packets: list[bytes], event: Input) -> None:
+        self._records += [Packet(t_ns=event.t_ns, input_seq=event.seq, data=packet) for packet in packets]
 
     def _supervise(self, now_ns: int) -> None:
         moved = self._estimator.origin.look(self.link.origin, flying=self.tracker.start_ns is not None)

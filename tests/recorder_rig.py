@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from guidance.telemetry import Sample
+from guidance.telemetry.disk_file import DiskFile, LogFile
 from guidance.telemetry.log import LogDamaged, read_log
-from guidance.telemetry.recorder import DiskFile, LogFile, Recorder
+from guidance.telemetry.recorder import Recorder
 
 CLOSE_S = 20.0  # a deadline that a healthy disk never comes near
 OFFSET_NS = 1_700_000_000_000_000_000

@@ -26,7 +26,7 @@ NOTICE_NS: Final = 3_000_000_000
 
 
 def log_name(vehicle: str, session_id: str, unix_ns: int, part: int = 1) -> str:
-    """File name of a log: sorts by UTC time and part; odd characters of vehicle and session become underscores."""
+    """File name of a log: sorts by UTC time and part; odd characters become underscores."""
     when = datetime.fromtimestamp(unix_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
     number = "" if part == 1 else f"_{part:03d}"
     return f"{when}_{_safe(vehicle)}_{_safe(session_id[:8])}{number}.mcap"
@@ -115,7 +115,11 @@ class Keeper:
 
     def _logs(self) -> list[Path]:
         """This vehicle's logs by their names, oldest first, this run's own last."""
-        found = [path for path in self._directory.iterdir() if self._name.fullmatch(path.name)]
+        found = [
+            path
+            for path in self._directory.iterdir()
+            if self._name.fullmatch(path.name) and path.is_file() and not path.is_symlink()
+        ]
         return sorted(found, key=lambda path: (self._is_of_this_run(path), path.name))
 
     def _is_of_this_run(self, path: Path) -> bool:
@@ -134,19 +138,20 @@ class Keeper:
             try:
                 if close_log(path, self._vehicle, self._pause):
                     closed.append(path.name)
-                    self._notice_ns = self._clock_ns()
-                    self._notice = (
-                        f"{', '.join(closed)}: left open by a run that was interrupted (a crash, a kill, power "
-                        "loss or a full disk); closed now, up to the last whole record"
-                    )
+                    self._tell(closed)
             except (NotOurs, BlockingIOError, FileNotFoundError):
                 continue
             except LogDamaged as error:
-                troubles.append(
-                    f"{path.name} was left open and is damaged in its middle: {error.why}; save it by hand"
-                )
+                troubles.append(f"{path.name} is damaged and was left as it is: {error.why}")
             except OSError as error:
                 troubles.append(f"{path.name} was left open and cannot be closed: {error.strerror or error}")
+
+    def _tell(self, closed: list[str]) -> None:
+        self._notice = (
+            "closed what an interrupted run left open (a crash, a kill, power loss or a full disk), "
+            f"up to the last whole record: {', '.join(closed)}"
+        )
+        self._notice_ns = self._clock_ns()
 
     def _make_room(self, logs: list[Path], troubles: list[str]) -> None:
         sizes: dict[Path, int] = {}

@@ -1,7 +1,7 @@
-"""A log that its run left open (a crash, a kill, power loss, a full disk) is closed: up to its last whole record.
+"""A log that its run left open (crash, kill, power loss, full disk) is closed after its last whole record.
 
-In place, as a copy of a long log may not fit the disk: what can be read is never touched, the rest is cut off,
-and what a closed log ends with is written behind. The footer comes last and only once the disk holds all
+In place, as a copy of a long log may not fit the disk: what can be read is never touched, the rest is cut
+off, and what a closed log ends with is written behind. The footer comes last and only once the disk holds all
 before it; so a file that has one is whole, and a repair that is interrupted itself leaves another unfinished
 log, to be repaired the same way. A file is walked record by record, in bounded memory, with a pause after
 each chunk.
@@ -30,8 +30,8 @@ from guidance.telemetry.mcap_writer import LIBRARY, empty_log
 INTERRUPTED: Final = (
     "it was interrupted (a crash, a kill, power loss or a full disk) and the log closed at a later start"
 )
-#: No more than this is cut off: a run loses a second, which is far less. What is damaged before that is no end
-#: that a crash has left, and the flight behind it may still be saved by hand.
+#: No more than this is cut off: a second of log is far less. Damage before that is no end that a crash has
+#: left, and the flight behind it may still be saved by hand.
 CUT_AT_MOST_BYTES: Final = 8 << 20
 #: No record of ours comes near this; a length beyond it is no length.
 _RECORD_AT_MOST_BYTES: Final = 64 << 20

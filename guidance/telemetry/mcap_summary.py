@@ -11,7 +11,7 @@ import io
 import struct
 import zlib
 from collections import Counter
-from typing import Final
+from typing import Any, Final
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
@@ -127,7 +127,7 @@ class Summary:
         return unpack_chunk(self._newest)
 
     def _declare(self, chunk: Chunk) -> None:
-        """Keep the schemas and channels in a chunk: the first one's, and those of one with unknown channels."""
+        """Keep the schemas and channels in a chunk: the first, and each that uses an unknown channel."""
         data, position = unpack_chunk(chunk), 0
         while position < len(data):
             opcode, length = PREFIX.unpack_from(data, position)
@@ -141,17 +141,16 @@ class Summary:
 
     def ending(self, end_mark: dict[str, str]) -> bytes:
         """What makes the file whole; the mark only if it has none yet. Nothing can be taken after it."""
-        builder = RecordBuilder()
+        builder: Any = RecordBuilder()
         if not self.ended:
             mark = _bytes(Metadata(END_NAME, end_mark))
             builder.write(mark)
             self.take_all(mark)
         self._close_chunk()
         DataEnd(0).write(builder)
-        data = builder.end()
+        data: bytes = builder.end()
         start = self.end + PREFIX.size + 4  # of the data end's record, its one field being of 4 bytes
-        summary = self._summary(start)
-        return data + summary
+        return data + self._summary(start)
 
     def _summary(self, start: int) -> bytes:
         first_ns, last_ns = self._times_ns or (0, 0)
@@ -206,6 +205,7 @@ def stream_of(body: bytes) -> ReadDataStream:
 
 
 def _bytes(record: McapRecord) -> bytes:
-    builder = RecordBuilder()
+    builder: Any = RecordBuilder()
     record.write(builder)
-    return builder.end()
+    data: bytes = builder.end()
+    return data

@@ -1,4 +1,4 @@
-"""One file of a log, by the MCAP library's writer: its types, its file in memory, a log's channels, its end."""
+"""One file of a log, by the MCAP library's writer: its types, its file in memory, the channels, the end."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ class LogWriter:
         self.unwritten = 0
 
     def end(self, mark: dict[str, str]) -> None:
-        """Close the file in good order: last chunk, how it ended, summary; then, all this being safe, the footer."""
+        """Close the file in good order: last chunk, mark, summary; these being safe, the footer."""
         self._writer.flush()
         self._write_out()
         ending = self._summary.ending(mark)

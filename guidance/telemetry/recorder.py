@@ -44,6 +44,9 @@ class Rotation(NamedTuple):
     age_ns: float = math.inf
 
 
+NEVER: Final = Rotation()
+
+
 class Recorder(ThreadedSink):
     """Writes every sample it is offered to new MCAP files in `directory`; see `worker.Sink`.
 
@@ -75,7 +78,7 @@ class Recorder(ThreadedSink):
         flush_s: float = 0.5,
         min_free_bytes: int = 100 << 20,
         foxglove: bool = True,
-        rotation: Rotation = Rotation(),
+        rotation: Rotation = NEVER,
         keeper: Keeper | None = None,
         open_file: Callable[[Path], LogFile] = DiskFile,
         free_bytes: Callable[[Path], int] = lambda directory: shutil.disk_usage(directory).free,
@@ -162,6 +165,7 @@ class Recorder(ThreadedSink):
             chunk_bytes=self._chunk_bytes,
             foxglove=self._view is not None,
         )
+        self._trouble = ""
         self._rotate_bytes = self._rotation.size_bytes
         self._rotate_ns = self._clock_ns() + self._rotation.age_ns
 
@@ -214,7 +218,7 @@ class Recorder(ThreadedSink):
         try:
             file = self._open_file(following)
         except OSError as error:
-            self._slow = (
+            self._trouble = (
                 f"the log goes on in {self._path.name}: cannot create {following}: {error.strerror or error}"
             )
             self._rotate_bytes += self._rotation.size_bytes

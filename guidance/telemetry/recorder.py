@@ -110,6 +110,7 @@ class Recorder(ThreadedSink):
         self._session: Sample | None = None
         self._flushed_ns = 0
         self._space_checked_ns = 0
+        self._begun_bytes = 0
         self._rotate_bytes = self._rotate_ns = math.inf
 
     @property
@@ -150,7 +151,7 @@ class Recorder(ThreadedSink):
         self._space_checked_ns = self._clock_ns()
 
     def _begin(self, file: LogFile) -> None:
-        """Go on in a new file."""
+        """Go on in a new file, which opens alone."""
         metadata = {
             "session_id": self._session_id,
             "schema_version": str(SCHEMA_VERSION),
@@ -165,6 +166,11 @@ class Recorder(ThreadedSink):
             chunk_bytes=self._chunk_bytes,
             foxglove=self._view is not None,
         )
+        if self._view is not None:
+            self._view.repeat_static()
+        if self._session is not None:
+            self._log.add(self._session)
+        self._begun_bytes = self._log.size
         self._trouble = ""
         self._rotate_bytes = self._rotation.size_bytes
         self._rotate_ns = self._clock_ns() + self._rotation.age_ns
@@ -193,7 +199,8 @@ class Recorder(ThreadedSink):
         try:
             if now_ns - self._flushed_ns >= self._flush_ns and not log.safe:
                 self._flush(log, now_ns)
-            if log.size >= self._rotate_bytes or (log.size and now_ns >= self._rotate_ns):
+            due = log.size >= self._rotate_bytes or now_ns >= self._rotate_ns
+            if due and log.size > self._begun_bytes:
                 self._rotate(log)
         except OSError as error:
             self._give_up(log, error)
@@ -233,11 +240,6 @@ class Recorder(ThreadedSink):
             raise
         self._part, self._path = self._part + 1, following
         self._begin(file)
-        # Each file opens alone.
-        if self._view is not None:
-            self._view.repeat_static()
-        if self._session is not None and self._log is not None:
-            self._log.add(self._session)
         if self._keeper is not None:
             self._keeper.look()
 

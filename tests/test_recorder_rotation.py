@@ -168,8 +168,8 @@ def test_a_disk_that_fails_as_the_log_goes_on_leaves_one_readable_file(tmp_path:
     assert len(messages) + paced.sink.dropped == 400
 
 
-def test_an_idle_log_does_not_go_on_in_empty_files(tmp_path: Path) -> None:
+def test_a_log_that_waits_for_records_does_not_go_on_in_files_without_any(tmp_path: Path) -> None:
     late = [sample(0, "session"), sample(10_000), sample(14_000)]
     paths = Paced(tmp_path, late, rotation=Rotation(age_ns=1_100_000_000)).run()
     first, middle, last = as_messages(late)
-    assert [list(read_log(path)) for path in paths] == [[first], [first, middle], [first, last]]
+    assert [list(read_log(path)) for path in paths] == [[first], [first, middle], [first, last], [first]]

@@ -22,7 +22,16 @@ from zstandard import ZstdError
 
 from guidance.records import SCHEMA_VERSION
 from guidance.telemetry.disk_file import FoundFile, LogFile, write_all
-from guidance.telemetry.log import ENDED_EARLY, MAGIC, METADATA_NAME, PREFIX, LogDamaged, unpack_chunk
+from guidance.telemetry.log import (
+    CONTINUED_IN,
+    END_NAME,
+    ENDED_EARLY,
+    MAGIC,
+    METADATA_NAME,
+    PREFIX,
+    LogDamaged,
+    unpack_chunk,
+)
 from guidance.telemetry.mcap_summary import FOOTER_BYTES, Summary, message_indexes, stream_of
 from guidance.telemetry.mcap_writer import LIBRARY, empty_log
 
@@ -132,6 +141,8 @@ def _survey(path: Path, file: BinaryIO, vehicle: str, pause: Callable[[], object
         try:
             if not ours:
                 ours = _is_ours(opcode, body, vehicle, path)
+            elif opcode == Opcode.METADATA and not _is_end(body):
+                break
             if opcode == Opcode.CHUNK:
                 unpack_chunk(Chunk.read(stream_of(body)))
                 pause()
@@ -157,6 +168,14 @@ def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         if opcode not in _WRITTEN or length > min(size - file.tell(), _RECORD_AT_MOST_BYTES):
             return
         yield opcode, file.read(length)
+
+
+def _is_end(body: bytes) -> bool:
+    """Whether metadata is the end mark, as it was written: power loss may leave zeros in place of bytes."""
+    metadata = Metadata.read(stream_of(body))
+    fields = metadata.metadata
+    known = ENDED_EARLY in fields and set(fields) <= {ENDED_EARLY, CONTINUED_IN}
+    return metadata.name == END_NAME and known and not any("\0" in value for value in fields.values())
 
 
 def _is_ours(opcode: int, body: bytes, vehicle: str, path: Path) -> bool:

@@ -14,6 +14,7 @@ from collections import Counter
 from typing import Any, Final
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
@@ -103,6 +104,8 @@ class Summary:
 
     def _take_index(self, chunk: ChunkIndex, body: bytes, length: int) -> None:
         channel_id, entries_bytes = _INDEX.unpack_from(body)
+        if channel_id == 0:
+            raise McapError("a message index of no channel")
         chunk.message_index_offsets[channel_id] = self.end
         chunk.message_index_length += length
         self._counted[channel_id] = entries_bytes // _ENTRY_BYTES

@@ -144,7 +144,7 @@ class Keeper:
             except LogDamaged as error:
                 troubles.append(f"{path.name} is damaged and was left as it is: {error.why}")
             except OSError as error:
-                troubles.append(f"{path.name} was left open and cannot be closed: {error.strerror or error}")
+                troubles.append(f"{path.name} is left open and cannot be closed: {error.strerror or error}")
 
     def _tell(self, closed: list[str]) -> None:
         self._notice = (

@@ -108,9 +108,7 @@ def test_nothing_that_is_not_ours_or_not_finished_is_removed_or_changed(
         put(tmp_path, 0, b"no log, but called like one"),
         put(tmp_path, 1, theirs),  # another vehicle's, under our name
         put(tmp_path, 2, theirs[:-300]),
-        put(
-            tmp_path, 3, ours[: ours.index(b"zstd") + 30] + bytes(9 << 20)
-        ),  # damaged: somebody may still want to save it
+        put(tmp_path, 3, ours[: ours.index(b"zstd") + 30] + bytes(9 << 20)),  # damaged
         put(tmp_path, 4, theirs, vehicle="rover1_00000000"),
         open_one,
         tmp_path / "notes.txt",

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import errno
+import fcntl
+import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -319,12 +322,41 @@ def _stopping_after(turns: int) -> Callable[[], None]:
     return pause
 
 
-def test_a_new_file_waits_for_whoever_took_it_for_an_unfinished_log(tmp_path: Path) -> None:
-    """Between a file's creation and its lock another service may close it as an empty log."""
+def test_a_new_file_is_locked_empty_and_its_name_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "new.mcap"
-    path.touch()
-    assert close_log(path, "rover1")
-    assert opens_everywhere(path) == []
-    path.unlink()
-    with DiskFile(path), pytest.raises(BlockingIOError):
-        FoundFile(path)
+    flock, fsync, synced = fcntl.flock, os.fsync, []
+
+    def late(descriptor: int, how: int) -> None:
+        if how == fcntl.LOCK_EX:  # another service took it for an unfinished log, before it was locked
+            path.write_bytes(b"closed as an empty log")
+        flock(descriptor, how)
+
+    def told(descriptor: int) -> None:
+        synced.append(stat.S_ISDIR(os.fstat(descriptor).st_mode))
+        fsync(descriptor)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    monkeypatch.setattr(os, "fsync", told)
+    with DiskFile(path) as file:
+        file.write(b"log")
+        with pytest.raises(BlockingIOError):
+            FoundFile(path)
+    assert path.read_bytes() == b"log"
+    assert synced == [True]
+
+
+def test_the_recorder_too_writes_its_footer_last(tmp_path: Path) -> None:
+    done: list[str] = []
+
+    class Told(DiskFile):
+        def write(self, data: bytes, /) -> int:  # type: ignore[override]
+            done.append("footer" if data.endswith(MAGIC) else "rest")
+            return super().write(data)
+
+        def sync(self) -> None:
+            done.append("sync")
+
+    record_all(tmp_path, [sample(0)], open_file=Told)
+    assert done[-4:] == ["rest", "sync", "footer", "sync"]

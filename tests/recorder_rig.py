@@ -71,6 +71,9 @@ class Paced:
         self.sink = recorder(directory, **(settings | changes))
 
     def _wait(self, seconds: float) -> None:
+        if self._over.is_set():
+            self.sink._stopping.wait(CLOSE_S)
+            return
         self.now_ns += int(seconds * 1e9)
         while self._due and self._due[0].t_ns <= self.now_ns:
             self.sink.offer(self._due.popleft())

@@ -135,7 +135,8 @@ def test_nothing_that_is_not_ours_or_not_finished_is_removed_or_changed(
     assert link.is_symlink()
     assert directory.is_dir()
     assert not goes.exists()
-    assert "is damaged and was left as it is" in one.problem
+    assert one.problem.startswith(f"{untouched[3].name} is damaged and was left as it is: ")
+    assert ";" not in one.problem
 
 
 def test_a_directory_that_is_gone_is_told(tmp_path: Path) -> None:

@@ -31,7 +31,8 @@ from tests.recorder_rig import Message, Paced, as_messages, readable, record_all
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A log of several chunks, one of which declares a channel of its own."""
-    samples = [sample(number, "stranger" if number == 30 else "state", size=3) for number in range(60)]
+    # Instants go back and forth: the last chunk does not hold the latest one.
+    samples = [sample(number ^ 32, "stranger" if number == 30 else "state", size=3) for number in range(60)]
     with pytest.MonkeyPatch.context() as patch:  # all the schemas are ten times as long
         patch.setattr("guidance.telemetry.mcap_writer.RECORDS", {"state": RECORDS["state"]})
         directory = tmp_path_factory.mktemp("small")
@@ -77,11 +78,14 @@ def opens_everywhere(path: Path) -> list[Message]:
             (message.sequence, channel.topic.removeprefix("/"), message.data)
             for _, channel, message in reader.iter_messages(log_time_order=False)
         ]
+        times_ns = [message.log_time for _, _, message in reader.iter_messages()] or [0]
         metadata = {item.name for item in reader.iter_metadata()}
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == len(messages)
     assert sum(summary.statistics.channel_message_counts.values()) == len(messages)
+    assert summary.statistics.message_start_time == min(times_ns)
+    assert summary.statistics.message_end_time == max(times_ns)
     assert summary.statistics.chunk_count == len(summary.chunk_indexes)
     assert summary.statistics.metadata_count == 2
     assert metadata == {"guidance", "guidance.end"}

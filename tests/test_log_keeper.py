@@ -202,7 +202,7 @@ def test_each_rotation_makes_room_and_the_run_keeps_its_newest_files(tmp_path: P
 def test_the_configuration_reaches_recorder_and_keeper(tmp_path: Path) -> None:
     settings = ("rotate_mb=2", "rotate_min=3", "keep_files=4", "keep_mb=5")
     config: Config = make_config(f'log.directory="{tmp_path}"', *(f"log.{each}" for each in settings))
-    sink = configured_sinks(config, new_session(config))._sinks["log"]
+    sink = configured_sinks(config, new_session(config))["log"]
     assert isinstance(sink, Recorder)
     assert sink._rotation == (2e6, 180e9)
     assert sink._keeper is not None

@@ -134,6 +134,8 @@ def replay(
 ) -> None:
     """Feed a log's inputs to the core again and compare everything that comes out, to the bit.
 
+    Of a log in several files any one may be named; they are replayed together, from the first on.
+
     Exit status 0 only if all of it is identical and the flight did track; 1 if not, 2 for no log of ours.
 
     Example:

@@ -107,6 +107,10 @@ class Log(_Section, frozen=True, kw_only=True):
     directory: str = "logs"
     foxglove: bool = True
     min_free_mb: NonNegative = 200.0
+    rotate_mb: Annotated[float, Meta(ge=1.0, le=100000.0)] = 256.0
+    rotate_min: Annotated[float, Meta(ge=1.0, le=100000.0)] = 60.0
+    keep_files: Annotated[int, Meta(ge=1, le=100000)] = 500
+    keep_mb: Positive = 20000.0
 
 
 class Config(_Section, frozen=True, kw_only=True):

@@ -16,7 +16,8 @@ import msgspec
 from guidance import config
 from guidance.core import Guide
 from guidance.records import SCHEMA_VERSION, TOPICS, Input, Lost, Session, Timing
-from guidance.telemetry.log import LogDamaged, read_log
+from guidance.telemetry.log import LogDamaged
+from guidance.telemetry.log_parts import PartMissing, read_run
 
 #: Written by the shell or the recorder, or counting what these did; the core decides nothing by them.
 _NOT_COMPARED = frozenset({TOPICS[Session], TOPICS[Input], TOPICS[Lost], TOPICS[Timing]})
@@ -58,7 +59,10 @@ class Replay(NamedTuple):
 
 
 def replay(path: Path) -> Replay:
-    """Feed the log's inputs to the core and compare; raises ReplayError, NotALog."""
+    """Feed the log's inputs to the core and compare; raises ReplayError, NotALog.
+
+    Of a run whose log went on in further files any one may be given: all are replayed, from the first on.
+    """
     lines = _lines(path)
     guide = Guide(_configuration(path, lines))
     encode = msgspec.json.Encoder().encode
@@ -112,9 +116,11 @@ def replay(path: Path) -> Replay:
 
 
 def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
-    """The log's messages; an early or damaged end becomes a last line without a topic that says so."""
+    """The run's messages; an early or damaged end becomes a last line without a topic that says so."""
     try:
-        yield from read_log(path)
+        yield from read_run(path)
+    except PartMissing as error:
+        raise ReplayError(str(error)) from None
     except LogDamaged as error:
         yield "", str(error).encode()
 

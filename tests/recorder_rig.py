@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import errno
 import threading
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 from guidance.telemetry import Sample
+from guidance.telemetry.disk_file import DiskFile, LogFile
 from guidance.telemetry.log import LogDamaged, read_log
-from guidance.telemetry.recorder import DiskFile, LogFile, Recorder
+from guidance.telemetry.recorder import Recorder
 
 CLOSE_S = 20.0  # a deadline that a healthy disk never comes near
 OFFSET_NS = 1_700_000_000_000_000_000
@@ -51,6 +53,46 @@ def readable(path: Path) -> tuple[list[Message], LogDamaged | None]:
 
 def as_messages(samples: list[Sample]) -> list[Message]:
     return [(item.topic, item.payload) for item in samples]
+
+
+class Paced:
+    """A recorder in virtual time: samples are offered as they fall due, whenever its worker waits."""
+
+    def __init__(
+        self, directory: Path, samples: list[Sample], *, start_ns: int | None = None, **changes: Any
+    ) -> None:
+        self.now_ns = samples[0].t_ns if start_ns is None else start_ns
+        self.problems: list[str] = []
+        self._directory = directory
+        self._due = deque(samples)
+        self._end_ns = samples[-1].t_ns + 1_000_000
+        self._over = threading.Event()
+        settings = {"clock_ns": lambda: self.now_ns, "wait": self._wait, "free_bytes": lambda _: 1 << 40}
+        self.sink = recorder(directory, **(settings | changes))
+
+    def _wait(self, seconds: float) -> None:
+        if self._over.is_set():
+            self.sink._stopping.wait(CLOSE_S)
+            return
+        self.now_ns += int(seconds * 1e9)
+        while self._due and self._due[0].t_ns <= self.now_ns:
+            self.sink.offer(self._due.popleft())
+        self.waited()
+        if self.sink.problem not in self.problems[-1:]:
+            self.problems.append(self.sink.problem)
+        if self.now_ns > self._end_ns:
+            self._over.set()
+
+    def waited(self) -> None:
+        """After each wait; for what a test looks at."""
+
+    def run(self, *, complete: bool = True) -> list[Path]:
+        """Live through all samples and close; the files of the run."""
+        self.sink.start()
+        assert self._over.wait(CLOSE_S)
+        assert self.sink.close(CLOSE_S) is complete, self.sink.problem
+        session = self.sink._session_id[:8]
+        return sorted(path for path in self._directory.glob("*.mcap") if session in path.name)
 
 
 class GatedFile(DiskFile):

@@ -14,7 +14,7 @@ from guidance.records import SCHEMA_VERSION, TOPICS
 from guidance.telemetry import Sample
 from guidance.telemetry.foxglove_view import SHOWN
 from guidance.telemetry.log import read_log, read_metadata
-from guidance.telemetry.recorder import log_name
+from guidance.telemetry.log_keeper import log_name
 from guidance.telemetry.schema import RECORDS
 from tests.recorder_rig import OFFSET_NS, as_messages, record_all, sample
 
@@ -70,6 +70,7 @@ def test_the_library_reads_the_log_with_its_schemas_times_and_metadata(tmp_path:
         "schema_version": str(SCHEMA_VERSION),
         "vehicle": "rover1",
         "unix_offset_ns": str(OFFSET_NS),
+        "part": "1",
     }
 
 

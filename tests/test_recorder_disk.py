@@ -16,8 +16,9 @@ from mcap.reader import make_reader
 
 from guidance.records import Lost
 from guidance.telemetry import Sample
+from guidance.telemetry.disk_file import DiskFile, LogFile
 from guidance.telemetry.log import read_log, read_records
-from guidance.telemetry.recorder import DiskFile, LogFile, Recorder
+from guidance.telemetry.recorder import Recorder
 from tests.recorder_rig import (
     CLOSE_S,
     HungDisk,
@@ -100,7 +101,7 @@ def ended_by(free_bytes: Callable[[Path], int], directory: Path) -> Recorder:
     ticks = itertools.count(0, 400_000_000)
     sink = recorder(directory, min_free_bytes=400 << 20, free_bytes=free_bytes, clock_ns=lambda: next(ticks))
     ended = threading.Event()
-    sink._wait = lambda _: ended.set() if sink._writer is None and sink._opened else None
+    sink._wait = lambda _: ended.set() if sink._log is None and sink._opened else None
     sink.offer(sample(0))
     sink.start()
     assert ended.wait(CLOSE_S)

@@ -22,8 +22,9 @@ import uvloop
 
 from guidance.records import Event
 from guidance.telemetry import Sample
+from guidance.telemetry.disk_file import DiskFile
 from guidance.telemetry.queue import DropOldestQueue
-from guidance.telemetry.recorder import DiskFile, Recorder
+from guidance.telemetry.recorder import Recorder
 from guidance.telemetry.zenoh_sink import ZenohSink
 from tests.service_rig import PATIENCE_S, Bell, VehicleEnd, a_socket, running, vehicle_for
 

@@ -38,6 +38,7 @@ UNITS: Final = {
     "_per_s": "1/s",
     "_deg": "degrees",
     "_mb": "MB",
+    "_min": "min",
 }
 
 

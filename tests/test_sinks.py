@@ -15,8 +15,9 @@ import pytest
 
 from guidance.records import Record
 from guidance.telemetry.console import Console
+from guidance.telemetry.disk_file import DiskFile
 from guidance.telemetry.queue import DropOldestQueue
-from guidance.telemetry.recorder import DiskFile, Recorder
+from guidance.telemetry.recorder import Recorder
 from guidance.telemetry.sinks import Sinks
 from guidance.telemetry.worker import Sink
 from guidance.telemetry.zenoh_sink import ZenohSink

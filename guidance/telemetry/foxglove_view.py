@@ -115,6 +115,10 @@ class View:
         made: list[Sample] = make(record)
         return made
 
+    def repeat_static(self) -> None:
+        """Begin a file that opens alone: the static transforms come again with the next state."""
+        self._slots.pop("tf_static", None)
+
     def _due(self, what: str, t_ns: int, period_ns: int) -> bool:
         """Once in each period. All have the same ones, so that records of one instant are shown together."""
         slot = t_ns // period_ns

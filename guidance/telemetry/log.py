@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -32,12 +32,16 @@ METADATA_NAME: Final = "guidance"
 #: the log had to end before the run did; empty if it did not.
 END_NAME: Final = "guidance.end"
 ENDED_EARLY: Final = "ended_early"
+#: Field of the end: the file in which the same run goes on. A log without it holds the run to its end.
+CONTINUED_IN: Final = "continued_in"
+#: Field of the first metadata: which part of its run the file is, from 1 on.
+PART: Final = "part"
 #: Metadata of a channel whose messages were made of the records, for viewers; readers of ours pass them over.
 DERIVED: Final = {"derived": "from the records, for viewers"}
 
-_MAGIC: Final = b"\x89MCAP0\r\n"
-_PREFIX: Final = struct.Struct("<BQ")  # opcode, length
-_MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the payload follows
+MAGIC: Final = b"\x89MCAP0\r\n"
+PREFIX: Final = struct.Struct("<BQ")  # opcode, length
+MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the payload follows
 _DATA_END_BYTES: Final = 4
 
 
@@ -68,7 +72,19 @@ def read_log(path: Path) -> Iterator[tuple[str, bytes]]:
         NotALog: at once, when there is no such file or it is no MCAP file.
         LogDamaged: in place of the first message that cannot be read. A log that was not closed (crash, power
             cut, full disk), or was closed before the run ended (disk nearly full), delivers all that reached
-            the disk and then raises this; so does one that does not say how it ended.
+            the disk and then raises this; so does one that does not say how it ended. A log that goes on in
+            another file is whole; see `read_part`.
+    """
+    _check_magic(path)
+    return _messages(path)
+
+
+def read_part(path: Path) -> Generator[tuple[str, bytes], None, str]:
+    """As `read_log`; when it is through, returns the name of the file in which the run goes on, or "".
+
+    Raises:
+        NotALog: as `read_log`.
+        LogDamaged: as `read_log`.
     """
     _check_magic(path)
     return _messages(path)
@@ -94,7 +110,9 @@ def read_records(path: Path, *topics: str) -> Iterator[Record]:
 
 
 def read_metadata(path: Path) -> dict[str, str]:
-    """What the recorder says of the run: session_id, vehicle, schema_version, unix_offset_ns; {} if nothing.
+    """What the recorder says of the run, {} if nothing.
+
+    That is session_id, vehicle, schema_version, unix_offset_ns, and which part of the run this is (`PART`).
 
     Raises:
         NotALog: as `read_log`.
@@ -114,10 +132,10 @@ def read_metadata(path: Path) -> dict[str, str]:
 def _check_magic(path: Path) -> None:
     try:
         with path.open("rb") as file:
-            magic = file.read(len(_MAGIC))
+            magic = file.read(len(MAGIC))
     except OSError as error:
         raise NotALog(path, error.strerror or str(error)) from error
-    if magic != _MAGIC:
+    if magic != MAGIC:
         raise NotALog(path, "the file is empty" if not magic else "it does not begin as an MCAP file does")
 
 
@@ -132,20 +150,22 @@ def _records(path: Path, decoders: dict[str, msgspec.json.Decoder[Record]]) -> I
             yield record
 
 
-def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
+def _messages(path: Path) -> Generator[tuple[str, bytes], None, str]:
     reader = _ChunkReader(path)
     ended_early: str | None = None
+    continued_in = ""
     offset = 0
     for opcode, offset, body in _outer_records(path):
         if opcode == Opcode.CHUNK:
             yield from reader.messages(offset, _unpack_chunk(path, offset, body))
         elif opcode in (Opcode.MESSAGE, Opcode.CHANNEL):
-            yield from reader.messages(offset, _PREFIX.pack(opcode, len(body)) + body)
+            yield from reader.messages(offset, PREFIX.pack(opcode, len(body)) + body)
         elif opcode == Opcode.METADATA:
             metadata = _parse(path, offset, Metadata.read, body)
             reader.numbered |= metadata.name == METADATA_NAME
             if metadata.name == END_NAME:
                 ended_early = metadata.metadata.get(ENDED_EARLY)
+                continued_in = metadata.metadata.get(CONTINUED_IN, "")
         elif opcode == Opcode.STATISTICS and reader.numbered:
             missing = _parse(path, offset, Statistics.read, body).message_count - reader.count
             if missing:
@@ -154,6 +174,7 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
         raise LogDamaged(path, offset, "it does not say how it ended: our recorder did not close it")
     if ended_early:
         raise LogDamaged(path, offset, f"the recorder ended it here: {ended_early}")
+    return continued_in
 
 
 class _ChunkReader:
@@ -168,13 +189,13 @@ class _ChunkReader:
 
     def messages(self, offset: int, data: bytes) -> Iterator[tuple[str, bytes]]:
         # The hot loop of every replay: a hundred seconds of flight are some 60 000 turns.
-        prefix, head, message = _PREFIX.unpack_from, _MESSAGE.unpack_from, int(Opcode.MESSAGE)
+        prefix, head, message = PREFIX.unpack_from, MESSAGE.unpack_from, int(Opcode.MESSAGE)
         channels, path, numbered = self._channels, self._path, self.numbered
         position, end = 0, len(data)
         while position < end:
             try:
                 opcode, length = prefix(data, position)
-                body = position + _PREFIX.size
+                body = position + PREFIX.size
                 position = body + length
                 if position > end:
                     raise LogDamaged(path, offset, "a record is longer than the chunk around it")
@@ -194,14 +215,19 @@ class _ChunkReader:
             if numbered and sequence != self.count & 0xFFFFFFFF:
                 raise LogDamaged(path, offset, f"message {self.count} is missing")
             if topic is not None:
-                yield topic, data[body + _MESSAGE.size : position]
+                yield topic, data[body + MESSAGE.size : position]
+
+
+def unpack_chunk(chunk: Chunk) -> bytes:
+    """The records in a chunk, its checksum being right; raises whatever its compression raises."""
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    return stream.read(length)
 
 
 def _unpack_chunk(path: Path, offset: int, body: bytes) -> bytes:
     chunk = _parse(path, offset, Chunk.read, body)
     try:
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        return stream.read(length)
+        return unpack_chunk(chunk)
     except Exception as error:  # each compression has exceptions of its own
         raise LogDamaged(path, offset, f"a chunk does not unpack: {error}") from error
 
@@ -209,22 +235,22 @@ def _unpack_chunk(path: Path, offset: int, body: bytes) -> bytes:
 def _outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
     """Opcode, offset and body of each record up to the statistics; a summary that is cut does no harm."""
     size = path.stat().st_size
-    offset = len(_MAGIC)
+    offset = len(MAGIC)
     data_ended = False
     with path.open("rb") as file:
         file.seek(offset)
         while True:
-            head = file.read(_PREFIX.size)
-            if len(head) < _PREFIX.size:
+            head = file.read(PREFIX.size)
+            if len(head) < PREFIX.size:
                 if data_ended:
                     return
                 raise LogDamaged(path, offset, "it was not closed: the recorder was interrupted here")
-            opcode, length = _PREFIX.unpack(head)
+            opcode, length = PREFIX.unpack(head)
             if opcode == Opcode.DATA_END and length == _DATA_END_BYTES:
                 data_ended = True
             if opcode == 0:
                 raise LogDamaged(path, offset, "no record begins here")
-            if length > size - offset - _PREFIX.size:
+            if length > size - offset - PREFIX.size:
                 if data_ended:
                     return
                 raise LogDamaged(
@@ -233,7 +259,7 @@ def _outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
             yield opcode, offset, file.read(length)
             if data_ended and opcode in (Opcode.STATISTICS, Opcode.FOOTER):
                 return
-            offset += _PREFIX.size + length
+            offset += PREFIX.size + length
 
 
 def _parse(path: Path, offset: int, read: Callable[[ReadDataStream], _T], body: bytes) -> _T:

@@ -13,8 +13,9 @@ import msgspec
 from guidance.config import Config, ConfigError
 from guidance.records import TOPICS, Record, Session
 from guidance.telemetry.console import Console
+from guidance.telemetry.log_keeper import Keeper
 from guidance.telemetry.queue import Sample
-from guidance.telemetry.recorder import Recorder
+from guidance.telemetry.recorder import Recorder, Rotation
 from guidance.telemetry.worker import Sink
 from guidance.telemetry.zenoh_sink import ZenohSink
 
@@ -69,18 +70,31 @@ class Sinks:
         return left
 
 
+def _recorder(config: Config, session: Session) -> Recorder:
+    log, directory = config.log, Path(config.log.directory)
+    return Recorder(
+        directory,
+        vehicle=config.vehicle.name,
+        session_id=session.session_id,
+        unix_offset_ns=session.unix_offset_ns,
+        min_free_bytes=round(log.min_free_mb * 1e6),
+        foxglove=log.foxglove,
+        rotation=Rotation(size_bytes=log.rotate_mb * 1e6, age_ns=log.rotate_min * 60e9),
+        keeper=Keeper(
+            directory,
+            vehicle=config.vehicle.name,
+            session_id=session.session_id,
+            keep_files=log.keep_files,
+            keep_bytes=round(log.keep_mb * 1e6),
+        ),
+    )
+
+
 def configured_sinks(config: Config, session: Session) -> dict[str, Sink]:
     """Every sink that the configuration wants, and the console; raises ConfigError for bad zenoh settings."""
     sinks: dict[str, Sink] = {"console": Console(session.unix_offset_ns)}
     if config.log.enabled:
-        sinks["log"] = Recorder(
-            Path(config.log.directory),
-            vehicle=config.vehicle.name,
-            session_id=session.session_id,
-            unix_offset_ns=session.unix_offset_ns,
-            min_free_bytes=round(config.log.min_free_mb * 1e6),
-            foxglove=config.log.foxglove,
-        )
+        sinks["log"] = _recorder(config, session)
     if config.zenoh.enabled:
         zenoh = config.zenoh
         try:

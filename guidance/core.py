@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config, parse_connection, profile_of
@@ -38,6 +40,7 @@ from guidance.mavlink.profiles import (
     set_mode_command,
 )
 from guidance.mavlink.report import absence, link_record
+from guidance.mavlink.signing import Signing, SigningClock
 from guidance.mavlink.streams import Stream
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, young
@@ -55,9 +58,14 @@ _COMMANDS: Final = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_D
 
 
 class Guide:
-    """The whole service without its shell. Raises ConfigError for a configuration no profile fits."""
+    """The whole service without its shell. Raises ConfigError for a configuration no profile fits.
 
-    def __init__(self, config: Config) -> None:
+    `signing` must be given if the configuration names a key, and only then (ValueError).
+    """
+
+    def __init__(self, config: Config, signing: Signing | None = None) -> None:
+        if (signing is not None) != bool(config.link.signing_key_file):
+            raise ValueError("link.signing_key_file and `signing` go together")
         self.config = config
         self.profile = profile_of(config)
         self.connection = parse_connection(config.link.connection)
@@ -67,6 +75,7 @@ class Guide:
             config.link.heartbeat_timeout_s,
             self._streams_at(config.link.rate_hz),
             byte_stream=self.connection.byte_stream,
+            signing=signing,
         )
         self.engagement = Engagement(config.supervisor, self.profile)
         self.tracker = Tracker(config, self.profile)
@@ -108,6 +117,11 @@ class Guide:
         """The shell has something to say: the transport opened or failed, a sink has a problem."""
         self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=kind, text=text))
 
+    def signing_clock(self, clock: SigningClock, now_ns: int) -> None:
+        """It is at least so late, for signatures: first of all, and when the wall clock was set."""
+        text = msgspec.json.encode(clock).decode()
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.SIGNING_CLOCK, text=text))
+
     def handle(self, event: Input) -> None:
         """The one way in; the others build its events."""
         now_ns = event.t_ns
@@ -117,7 +131,10 @@ class Guide:
             self._started_ns = now_ns
         match event.kind:
             case InputKind.DATAGRAM:
-                for received in self.link.receive(event.data, now_ns):
+                came = self.link.receive(event.data, now_ns, event.text)
+                if self.link.signing is not None and self.link.signing.forged:
+                    self._records[-1] = replace(event, text=self.link.signing.forged)
+                for received in came:
                     self._take(received, now_ns)
             case InputKind.TICK:
                 self._tick(now_ns)
@@ -125,6 +142,9 @@ class Guide:
                 self._watch_ns = now_ns
                 told = obey(Command(event.text), self.engagement, self.tracker, now_ns)
                 self._tell(told)
+            case InputKind.SIGNING_CLOCK:
+                if self.link.signing is not None:
+                    self.link.signing.set(msgspec.json.decode(event.text, type=SigningClock), now_ns)
             case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
                 level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
                 self._event(level, event.kind, event.text, now_ns)

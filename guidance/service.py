@@ -20,6 +20,7 @@ from guidance.config import Config, to_json
 from guidance.notify import Notifier
 from guidance.records import SCHEMA_VERSION, Command, Session
 from guidance.shell import Shell
+from guidance.signing_files import ClockKeeper, open_signing
 from guidance.telemetry.sinks import configured_sinks
 
 #: An actuator failed, or works again: SIGRTMIN + i (`kill -s RTMIN+1`) commands the i-th.
@@ -32,6 +33,8 @@ ALLOCATION_COMMANDS: Final = (
 SWITCH_INTERVAL_S: Final = 0.0005
 #: All sinks together have this long to write what waits when the service stops.
 CLOSE_S: Final = 0.35
+#: The signing clock has as long to be kept.
+KEEP_S: Final = 0.15
 #: The process ends so long after it was told to, whatever hangs (a disk, a router, a pipe nobody reads).
 LEAVE_AT_THE_LATEST_S: Final = 1.8
 
@@ -51,11 +54,11 @@ def new_session(config: Config) -> Session:
     )
 
 
-async def _serve(config: Config) -> int:
+async def _serve(config: Config, keeper: ClockKeeper | None) -> int:
     session = new_session(config)
     sinks = configured_sinks(config, session)
     notifier = Notifier(os.environ, os.getpid())
-    shell = Shell(config, sinks, session, notifier)
+    shell = Shell(config, sinks, session, notifier, keeper)
     loop = asyncio.get_running_loop()
 
     def stop() -> None:
@@ -79,6 +82,8 @@ async def _serve(config: Config) -> int:
         _leave_at_the_latest(lambda: 1)
         notifier.failed("internal error, no setpoint follows")
         _say(f"guidance: internal error, no setpoint follows; please report it\n{traceback.format_exc()}")
+    if keeper is not None:
+        keeper.close(KEEP_S)
     left = sinks.close(CLOSE_S)
     if left:
         # Threads that hang in a disk or in zenoh would hold up the interpreter's own end by seconds.
@@ -107,10 +112,12 @@ def serve(config: Config) -> int:
     0 after a shutdown, 1 after an internal error, which is told on stderr.
 
     Raises:
-        ConfigError: no profile fits the configuration, or zenoh does not take its settings.
+        ConfigError: no profile fits the configuration, zenoh does not take its settings, or the key of a
+            signed link cannot be used.
     """
+    keeper = open_signing(config)
     try:
         import uvloop
     except ImportError:  # not published for this platform
-        return asyncio.run(_serve(config))
-    return uvloop.run(_serve(config))
+        return asyncio.run(_serve(config, keeper))
+    return uvloop.run(_serve(config, keeper))

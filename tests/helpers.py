@@ -7,6 +7,7 @@ from typing import Any, Final, TypeVar
 
 import guidance
 from guidance.config import Config, load
+from guidance.mavlink.signing import SigningClock
 from guidance.records import Event, Record
 from guidance.supervisor import State
 from sitl.lockstep import Channel, Lockstep
@@ -33,6 +34,8 @@ def make_flight(
     to_guide: Channel = PERFECT,
     to_vehicle: Channel = PERFECT,
     seed: int = 0,
+    signing_key: bytes | None = None,
+    signing_clock: SigningClock | None = None,
     **vehicle_options: Any,
 ) -> Lockstep:
     """The guide against the built-in vehicle of the configured profile, booted at the first instant.
@@ -51,6 +54,8 @@ def make_flight(
         to_guide=to_guide,
         to_vehicle=to_vehicle,
         seed=seed,
+        signing_key=signing_key,
+        signing_clock=signing_clock,
     )
 
 

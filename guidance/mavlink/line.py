@@ -60,6 +60,12 @@ class LineWatch:
                 "hears by two ways (close one)"
             )
             news.append(_warning(record.t_ns, "two_autopilots", text))
+        news += [
+            _warning(
+                record.t_ns, "orders_of_others", f"{who} tells the autopilot too what to do: ignored here"
+            )
+            for who in link.company.newly_ordering()
+        ]
         return news
 
     def _needed_at(self, rate_hz: float) -> float:

@@ -32,6 +32,7 @@ from guidance.mavlink.messages import (
 )
 from guidance.mavlink.profiles import command_long
 from guidance.mavlink.sequence import Order, SequenceWatch
+from guidance.mavlink.signing import Refusal, Signing
 from guidance.mavlink.streams import Stream, Streams
 from guidance.mavlink.twins import Twins
 
@@ -67,7 +68,10 @@ class Received(NamedTuple):
 
 
 class AutopilotLink:
-    """Bookkeeping for one peer. Bytes in by `receive`, packets out by `drain`; time is an argument."""
+    """Bookkeeping for one peer. Bytes in by `receive`, packets out by `drain`; time is an argument.
+
+    Without `signing` signatures are neither made nor looked at: signed packets are as good as unsigned ones.
+    """
 
     def __init__(
         self,
@@ -77,17 +81,21 @@ class AutopilotLink:
         streams: Iterable[Stream],
         *,
         byte_stream: bool = False,
+        signing: Signing | None = None,
     ) -> None:
         self.system = system
         self.component = component
         self.clock = ClockFilter()
         self.streams = Streams(streams)
         self.reader = FrameReader(stream=byte_stream)
+        self.signing = signing
+        self.signs = False  # whether the autopilot's newest packet carries a signature, good or not
+        self.refusal: Refusal | None = None  # why its newest packet is not believed
         self.counters: Counter[str] = Counter()
         self.bytes_received = 0
         self.bytes_sent = 0
         self.received = 0
-        self.company = Company()
+        self.company = Company(system, COMPONENT_ID)
         self.twins = Twins()
         self.bytes_at_heartbeat = (0, 0)  # all of them, and those that were garbage
         self.reboots = 0
@@ -144,12 +152,20 @@ class AutopilotLink:
 
     # Bytes in ----------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now_ns: int) -> list[Received]:
-        """The autopilot's messages in `data` that may be believed, in order."""
+    def receive(self, data: bytes, now_ns: int, forged: str = "") -> list[Received]:
+        """The autopilot's messages in `data` that may be believed, in order.
+
+        A replay, which has no key, says with `forged` what `signing.forged` was.
+        """
         accepted: list[Received] = []
         self.bytes_received += len(data)
-        for frame in self.reader.feed(data):
-            if not self._is_autopilot(frame):
+        frames = self.reader.feed(data)
+        refused: dict[int, Refusal] = {}
+        if self.signing is not None:
+            refused = self.signing.refusals(frames, now_ns, forged)
+            self.counters.update(refused.values())
+        for number, frame in enumerate(frames):
+            if not self._is_autopilot(frame, refused.get(number)) or number in refused:
                 continue
             place = self.sequence.place(frame.sequence, now_ns)
             # An equal number alone proves nothing: a frame of an unknown id cannot be checked, may be forged.
@@ -173,11 +189,14 @@ class AutopilotLink:
                 accepted.append(Received(_NAMES[frame.message_id], body))
         return accepted
 
-    def _is_autopilot(self, frame: Frame) -> bool:
+    def _is_autopilot(self, frame: Frame, refusal: Refusal | None) -> bool:
         if frame.system == self.system and frame.component == self.component:
+            if frame.known:
+                self.signs, self.refusal = bool(frame.signed), refusal
             return True
         self.counters["other_system" if frame.system != self.system else "other_component"] += 1
-        self.company.heard(frame)
+        if self.company.heard(frame, believed=refusal is None):
+            self.counters["orders_of_others"] += 1
         return False
 
     def _note(self, body: Body, number: int, now_ns: int) -> bool:
@@ -288,6 +307,8 @@ class AutopilotLink:
     def send(self, message: Any) -> None:
         """Queue one of pymavlink's messages."""
         packet = self._writer.pack(message)
+        if self.signing is not None:
+            packet = self.signing.sign(packet)
         self.bytes_sent += len(packet)
         self._outbox.append(packet)
 
@@ -305,6 +326,8 @@ class AutopilotLink:
 
     def tick(self, now_ns: int) -> None:
         """Queue what is due: our heartbeat, a TIMESYNC question, requests that were not answered."""
+        if self.signing is not None:
+            self.signing.advance(now_ns)
         if now_ns >= self._next_heartbeat_ns:
             self._next_heartbeat_ns = now_ns + _HEARTBEAT_PERIOD_NS
             kind, state = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE

@@ -27,6 +27,7 @@ from guidance.mavlink.messages import (
 from guidance.mavlink.parameters import ParameterReader, request_read
 from guidance.mavlink.profiles import command_long
 from guidance.mavlink.report import absence, link_record
+from guidance.mavlink.signing import Signing
 from guidance.mavlink.streams import SATISFIED, Stream
 from guidance.readiness import young
 from guidance.records import Link
@@ -45,9 +46,12 @@ _SERIOUS: Final = dialect.MAV_SEVERITY_WARNING
 
 
 class Observation:
-    """One look at one vehicle. `opened` must be called first; then `tick` whenever `deadline` has passed."""
+    """One look at one vehicle. `opened` must be called first; then `tick` whenever `deadline` has passed.
 
-    def __init__(self, config: Config) -> None:
+    `signing` is that of a configuration with a key, its clock set.
+    """
+
+    def __init__(self, config: Config, signing: Signing | None = None) -> None:
         vehicle, link = config.vehicle, config.link
         self.config = config
         self.profile = profile_of(config)
@@ -58,6 +62,7 @@ class Observation:
             link.heartbeat_timeout_s,
             self._streams_at(link.rate_hz),
             byte_stream=self.connection.byte_stream,
+            signing=signing,
         )
         self.tracker = Tracker(config, self.profile)
         requirements = self.profile.requirements

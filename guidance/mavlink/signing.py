@@ -1,0 +1,161 @@
+"""MAVLink 2 message signing: who holds the key, and that nothing is said twice. No file and no clock here.
+
+A signed packet ends in 13 bytes: the id of the sender's link, a timestamp of 48 bits in 10 us since 2015
+(UTC), and the first 6 bytes of SHA-256 over the key, the packet and these two. By the rules of MAVLink's
+guide to signing:
+
+- the timestamps of a stream (system, component, link id) only increase;
+- a stream that is new may be at most a minute behind our own timestamp;
+- our own follows the wall clock, grows with every packet, and is moved up to every one that is believed.
+
+Beyond that guide the streams are remembered across restarts, so that not even the last minute of a capture
+is believed again; and a stream is touched only by a packet whose signature holds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from enum import StrEnum
+from hmac import compare_digest
+from typing import Final
+
+import msgspec
+from fastcrc import crc16
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance.mavlink.codec import SIGNATURE_BYTES, SIGNED, Frame
+from guidance.mavlink.messages import CRC_EXTRA
+
+KEY_BYTES: Final = 32
+#: 2015-01-01 UTC, in Unix time.
+EPOCH_UNIX_S: Final = 1_420_070_400
+#: Length of a timestamp's unit.
+TICK_NS: Final = 10_000
+TIMESTAMP_MAX: Final = 2**48 - 1
+#: A stream that is new may be so far behind our own timestamp: one minute.
+NEW_STREAM_BEHIND: Final = 60 * 1_000_000_000 // TICK_NS
+
+_HASH_BYTES: Final = 6
+#: Radios put these in by themselves and have no key. Nothing believes them; they only say that there is one.
+_UNSIGNED: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)
+
+
+class Refusal(StrEnum):
+    """Why a packet is not believed; also the name of its count."""
+
+    UNSIGNED = "unsigned"
+    BAD_SIGNATURE = "bad_signature"
+    REPLAYED = "signature_replayed"
+
+
+class SigningClock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What must outlive a restart: our timestamp, and [system, component, link id, timestamp] of each stream."""
+
+    timestamp: int
+    streams: tuple[tuple[int, int, int, int], ...] = ()
+
+
+def wall_timestamp(unix_ns: int) -> int:
+    """The timestamp of a wall clock's time; 0 for one before 2015, which is a clock that was never set."""
+    return min(max(unix_ns // TICK_NS - EPOCH_UNIX_S * (1_000_000_000 // TICK_NS), 0), TIMESTAMP_MAX)
+
+
+class Signing:
+    """Signs what goes out, and says of what comes in whether it is from a holder of the key, and fresh.
+
+    `key` is None only in a replay, which has none: then signatures are zeros, and the caller says which of
+    the packets had a bad one.
+    """
+
+    def __init__(self, key: bytes | None, link_id: int) -> None:
+        self._keyed = None if key is None else hashlib.sha256(key)
+        self._link_id = bytes([link_id])
+        self._streams: dict[tuple[int, int, int], int] = {}
+        self._timestamp = 0
+        self.refused = 0  # packets
+        self.forged = ""  # which of the newest packets had a bad signature: their numbers, from 0
+        self._set = (0, 0)  # a timestamp, and the ns at which it held
+
+    @property
+    def clock(self) -> SigningClock:
+        """What to keep."""
+        return SigningClock(self._timestamp, tuple((*who, last) for who, last in self._streams.items()))
+
+    def set(self, clock: SigningClock, now_ns: int) -> None:
+        """It is at least so late; nothing that is known already is forgotten."""
+        for system, component, link_id, last in clock.streams:
+            who = (system, component, link_id)
+            self._streams[who] = max(last, self._streams.get(who, 0))
+        self.advance(now_ns)
+        if clock.timestamp > self._timestamp:
+            self._timestamp = clock.timestamp
+            self._set = (clock.timestamp, now_ns)
+
+    def advance(self, now_ns: int) -> None:
+        """Time passed."""
+        timestamp, then_ns = self._set
+        self._timestamp = max(self._timestamp, timestamp + (now_ns - then_ns) // TICK_NS if timestamp else 0)
+
+    def sign(self, packet: bytes) -> bytes:
+        """A MAVLink 2 packet without a signature, with one."""
+        self._timestamp = min(self._timestamp + 1, TIMESTAMP_MAX)
+        body = packet[1:2] + bytes([packet[2] | SIGNED]) + packet[3:-2]
+        message_id = int.from_bytes(body[6:9], "little")
+        checksum = crc16.mcrf4xx(body + bytes([CRC_EXTRA[message_id]]))
+        signed = b"".join(
+            (
+                packet[:1],
+                body,
+                checksum.to_bytes(2, "little"),
+                self._link_id,
+                self._timestamp.to_bytes(6, "little"),
+            )
+        )
+        return signed + self._signature(signed)
+
+    def refusals(self, frames: Sequence[Frame], now_ns: int, forged: str = "") -> dict[int, Refusal]:
+        """Which of the frames that came are not to be believed, by their number, and why.
+
+        `forged` is asked only without a key: it is what `self.forged` was with one.
+        """
+        self.advance(now_ns)
+        recalled = set(forged.split())
+        refused: dict[int, Refusal] = {}
+        for number, frame in enumerate(frames):
+            refusal = self._refusal(frame, str(number) in recalled)
+            if refusal is not None:
+                refused[number] = refusal
+        self.refused += len(refused)
+        self.forged = " ".join(str(n) for n, why in refused.items() if why is Refusal.BAD_SIGNATURE)
+        return refused
+
+    def _refusal(self, frame: Frame, forged: bool) -> Refusal | None:
+        # The signature is looked at first: nothing is learnt from the time of a packet that anybody may have made.
+        packet = frame.signed
+        if not packet:
+            return None if frame.message_id in _UNSIGNED else Refusal.UNSIGNED
+        if self._keyed is not None:
+            forged = not compare_digest(self._signature(packet[:-_HASH_BYTES]), packet[-_HASH_BYTES:])
+        if forged:
+            return Refusal.BAD_SIGNATURE
+        timestamp = int.from_bytes(packet[-12:-6], "little")
+        who = (frame.system, frame.component, packet[-SIGNATURE_BYTES])
+        last = self._streams.get(who, self._timestamp - NEW_STREAM_BEHIND - 1)
+        if timestamp <= last:
+            return Refusal.REPLAYED
+        self._streams[who] = timestamp
+        self._timestamp = max(self._timestamp, timestamp)
+        return None
+
+    def _signature(self, signed: bytes) -> bytes:
+        if self._keyed is None:
+            return bytes(_HASH_BYTES)
+        digest = self._keyed.copy()
+        digest.update(signed)
+        return digest.digest()[:_HASH_BYTES]
+
+
+def without_hash(packet: bytes) -> bytes:
+    """A signed packet as a replay makes it, which has no key: what the key put in is zeros."""
+    return packet[:-_HASH_BYTES] + bytes(_HASH_BYTES)

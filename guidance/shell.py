@@ -273,9 +273,9 @@ class Shell:
         clock = keeper.set_anew(time.time_ns())
         if clock is not None:
             self._turn(lambda now_ns: self._guide.signing_clock(clock, now_ns))
-        keeper.keep()
         if keeper.problem:
             self._tell(f"signing: {keeper.problem}")
+        keeper.keep()
 
     def _look_at_transport(self) -> None:
         """Note packets that could not be sent."""

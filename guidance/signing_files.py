@@ -41,7 +41,7 @@ def read_key(path: Path, environ: Mapping[str, str] = os.environ) -> bytes:
     except (OSError, ValueError) as error:
         said = error.strerror if isinstance(error, OSError) else str(error)
         raise ConfigError(f"{where}: cannot be read: {said}") from None
-    with open(descriptor, "rb") as file:
+    try:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise ConfigError(f"{where}: must be a regular file")
@@ -57,7 +57,9 @@ def read_key(path: Path, environ: Mapping[str, str] = os.environ) -> bytes:
                 f"{where}: others may read or write it (mode {mode:o}): chmod 600 {path}, and if others may "
                 "have read it, make another key"
             )
-        content = file.read(4 * KEY_BYTES)
+        content = os.read(descriptor, 4 * KEY_BYTES)
+    finally:
+        os.close(descriptor)
     key = content if len(content) == KEY_BYTES else _unhex(content)
     if key is None:
         raise ConfigError(
@@ -114,9 +116,7 @@ class ClockKeeper:
         except FileNotFoundError:
             return SigningClock(wall)
         except (OSError, ValueError) as error:
-            self.problem = (
-                f"{self._path}: cannot be used: {_said(error)}; older packets may be believed again"
-            )
+            self.problem = f"{self._path} cannot be used: {_said(error)}; older packets may be believed"
             return SigningClock(wall)
         if kept.timestamp < wall:
             return SigningClock(wall, kept.streams)
@@ -154,7 +154,8 @@ class ClockKeeper:
         except OSError as error:
             with suppress(OSError):
                 fresh.unlink(missing_ok=True)
-            self.problem = f"{self._path}: cannot be written: {_said(error)}; after a restart older packets may be believed"
+            why = f"{self._path} cannot be written: {_said(error)}"
+            self.problem = f"{why}; older packets may be believed after a restart"
         else:
             self._kept, self.problem = clock, ""
 

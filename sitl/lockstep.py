@@ -36,8 +36,8 @@ class Lockstep:
     """A guide and a vehicle, and the virtual clock between them.
 
     `now_ns` starts at `start_ns` so that nothing relies on a clock that begins at zero. Records go to
-    `on_record` in the order in which the core made them. `signing_key` is the guide's, for a configuration that
-    names one; its `signing_clock` shows the vehicle's time unless given.
+    `on_record` in the order in which the core made them. `signing_key` is the guide's, for a configuration
+    that names one; its `signing_clock` shows the vehicle's time unless given.
     """
 
     def __init__(

@@ -67,7 +67,7 @@ class Company:
         new = list(self._orders.items())[self._orders_told :]
         self._orders_told = len(self._orders)
         return [
-            f"{self._roles.get(sender, 'somebody')} ({sender[0]}/{sender[1]}): {order}"
+            f"{self._roles.get(sender, 'somebody')} ({sender[0]}/{sender[1]}) sent {order}"
             for sender, order in new
         ]
 

@@ -1,4 +1,4 @@
-"""Messages by which others tell an autopilot where to go, or in which mode: never obeyed here, only noticed."""
+"""Messages by which others tell an autopilot where to go, or in which mode: noticed here, never obeyed."""
 
 from __future__ import annotations
 

@@ -61,9 +61,7 @@ class LineWatch:
             )
             news.append(_warning(record.t_ns, "two_autopilots", text))
         news += [
-            _warning(
-                record.t_ns, "orders_of_others", f"{who} tells the autopilot too what to do: ignored here"
-            )
+            _warning(record.t_ns, "orders_of_others", f"{who}: not obeyed here, but the autopilot may")
             for who in link.company.newly_ordering()
         ]
         return news

@@ -50,7 +50,7 @@ class Refusal(StrEnum):
 
 
 class SigningClock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What must outlive a restart: our timestamp, and [system, component, link id, timestamp] of each stream."""
+    """What must outlive a restart: our timestamp, and [system, component, link id, timestamp] per stream."""
 
     timestamp: int
     streams: tuple[tuple[int, int, int, int], ...] = ()
@@ -131,7 +131,7 @@ class Signing:
         return refused
 
     def _refusal(self, frame: Frame, forged: bool) -> Refusal | None:
-        # The signature is looked at first: nothing is learnt from the time of a packet that anybody may have made.
+        # The signature first: nothing is learnt from the time of a packet that anybody may have made.
         packet = frame.signed
         if not packet:
             return None if frame.message_id in _UNSIGNED else Refusal.UNSIGNED

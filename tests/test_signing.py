@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.mavlink.codec import FrameReader, PacketWriter
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.signing import (
+    LATE,
     NEW_STREAM_BEHIND,
     TIMESTAMP_MAX,
     Refusal,
@@ -167,13 +168,40 @@ def test_a_new_stream_may_be_a_minute_behind() -> None:
     assert End().hears(Oracle(at=NOW - NEW_STREAM_BEHIND).pack())
 
 
-def test_nothing_is_believed_twice_or_late() -> None:
-    end, oracle = End(), Oracle()
-    old, first, second = oracle.pack(), oracle.pack(), oracle.pack()
-    assert end.hears(first)
-    assert end.refuses(first, Refusal.REPLAYED)
-    assert end.refuses(old, Refusal.REPLAYED)
-    assert end.hears(second)
+TIMESYNC: Final = dialect.MAVLink_timesync_message(0, 1)
+
+
+def test_a_packet_may_be_overtaken_and_comes_only_once() -> None:
+    end = End()
+    early, late, later = (Oracle(at=NOW + at).pack(TIMESYNC) for at in (LATE, 1, 2))
+    assert end.hears(early)
+    for packet in (late, later):
+        assert end.hears(packet)
+        assert end.refuses(packet, Refusal.REPLAYED)
+    assert end.refuses(early, Refusal.REPLAYED)
+
+
+def test_later_than_a_second_is_too_late() -> None:
+    end = End()
+    assert end.hears(Oracle(at=NOW + LATE).pack())
+    assert end.refuses(Oracle(at=NOW).pack(), Refusal.REPLAYED)
+
+
+@given(st.permutations([LATE * number // 7 for number in range(40)]))
+def test_in_whatever_order_they_come_each_is_believed_at_most_once(order: list[int]) -> None:
+    end = End()
+    believed = [at for at in [*order, *order] if end.hears(Oracle(at=NOW + at).pack(TIMESYNC))]
+    assert len(believed) == len(set(believed))
+    newest = [max(order[: number + 1]) for number in range(len(order))]
+    assert set(believed) == {at for at, top in zip(order, newest, strict=True) if at > top - LATE}
+
+
+def test_what_is_remembered_of_a_stream_has_an_end() -> None:
+    end = End()
+    for number in range(3000):
+        assert end.signing.refusals(FrameReader().feed(Oracle(at=NOW + number * 1000).pack()), 1) == {}
+    (stream,) = end.signing._streams.values()
+    assert len(stream._seen) < 1000
 
 
 def test_each_stream_has_its_own_time() -> None:

@@ -4,12 +4,14 @@ A signed packet ends in 13 bytes: the id of the sender's link, a timestamp of 48
 (UTC), and the first 6 bytes of SHA-256 over the key, the packet and these two. By the rules of MAVLink's
 guide to signing:
 
-- the timestamps of a stream (system, component, link id) only increase;
+- a stream (system, component, link id) says no timestamp twice;
 - a stream that is new may be at most a minute behind our own timestamp;
 - our own follows the wall clock, grows with every packet, and is moved up to every one that is believed.
 
-Beyond that guide the streams are remembered across restarts, so that not even the last minute of a capture
-is believed again; and a stream is touched only by a packet whose signature holds.
+In two things this is not that guide. It refuses whatever is older than the newest of its stream; here a
+packet that never came before may be late by a second, because packets that overtake each other on the way
+(10 ms of jitter are enough) would cost half of them. And the streams are remembered across restarts, so that
+not even the last minute of a capture is believed again.
 """
 
 from __future__ import annotations
@@ -35,8 +37,11 @@ TICK_NS: Final = 10_000
 TIMESTAMP_MAX: Final = 2**48 - 1
 #: A stream that is new may be so far behind our own timestamp: one minute.
 NEW_STREAM_BEHIND: Final = 60 * 1_000_000_000 // TICK_NS
+#: A packet may be overtaken on the way by packets that are so much younger: one second.
+LATE: Final = 1_000_000_000 // TICK_NS
 
 _HASH_BYTES: Final = 6
+_PRUNE: Final = 512
 #: Radios put these in by themselves and have no key. Nothing believes them; they only say that there is one.
 _UNSIGNED: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)
 
@@ -61,6 +66,27 @@ def wall_timestamp(unix_ns: int) -> int:
     return min(max(unix_ns // TICK_NS - EPOCH_UNIX_S * (1_000_000_000 // TICK_NS), 0), TIMESTAMP_MAX)
 
 
+class _Stream:
+    """The timestamps of one sender on one link: each is taken once, and at first only what is newer."""
+
+    def __init__(self, newest: int) -> None:
+        self.newest = newest
+        self._floor = newest
+        self._seen: set[int] = set()
+        self._prune_at = _PRUNE
+
+    def take(self, timestamp: int) -> bool:
+        """Whether it is new, and not too late."""
+        if timestamp <= max(self._floor, self.newest - LATE) or timestamp in self._seen:
+            return False
+        self._seen.add(timestamp)
+        self.newest = max(self.newest, timestamp)
+        if len(self._seen) > self._prune_at:
+            self._seen = {seen for seen in self._seen if seen > self.newest - LATE}
+            self._prune_at = len(self._seen) + _PRUNE
+        return True
+
+
 class Signing:
     """Signs what goes out, and says of what comes in whether it is from a holder of the key, and fresh.
 
@@ -71,7 +97,7 @@ class Signing:
     def __init__(self, key: bytes | None, link_id: int) -> None:
         self._keyed = None if key is None else hashlib.sha256(key)
         self._link_id = bytes([link_id])
-        self._streams: dict[tuple[int, int, int], int] = {}
+        self._streams: dict[tuple[int, int, int], _Stream] = {}
         self._timestamp = 0
         self.refused = 0  # packets
         self.forged = ""  # which of the newest packets had a bad signature: their numbers, from 0
@@ -80,13 +106,16 @@ class Signing:
     @property
     def clock(self) -> SigningClock:
         """What to keep."""
-        return SigningClock(self._timestamp, tuple((*who, last) for who, last in self._streams.items()))
+        return SigningClock(
+            self._timestamp, tuple((*who, stream.newest) for who, stream in self._streams.items())
+        )
 
     def set(self, clock: SigningClock, now_ns: int) -> None:
         """It is at least so late; nothing that is known already is forgotten."""
         for system, component, link_id, last in clock.streams:
             who = (system, component, link_id)
-            self._streams[who] = max(last, self._streams.get(who, 0))
+            if who not in self._streams or self._streams[who].newest < last:
+                self._streams[who] = _Stream(last)
         self.advance(now_ns)
         if clock.timestamp > self._timestamp:
             self._timestamp = clock.timestamp
@@ -141,10 +170,12 @@ class Signing:
             return Refusal.BAD_SIGNATURE
         timestamp = int.from_bytes(packet[-12:-6], "little")
         who = (frame.system, frame.component, packet[-SIGNATURE_BYTES])
-        last = self._streams.get(who, self._timestamp - NEW_STREAM_BEHIND - 1)
-        if timestamp <= last:
+        stream = self._streams.get(who)
+        if stream is None:
+            stream = _Stream(self._timestamp - NEW_STREAM_BEHIND - 1)
+        if not stream.take(timestamp):
             return Refusal.REPLAYED
-        self._streams[who] = timestamp
+        self._streams[who] = stream
         self._timestamp = max(self._timestamp, timestamp)
         return None
 

@@ -163,7 +163,7 @@ def signing(seen: Seen) -> Iterator[Finding]:
         yield warn(
             "signing",
             f"signed by our key, but also refused: {counts}",
-            "who else sends on this line? Packets that overtake each other on the way are refused too",
+            "who else sends on this line? Packets that come twice are refused too (signature_replayed)",
         )
     else:
         yield ok("signing", "both ends sign, by one key")

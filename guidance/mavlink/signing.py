@@ -83,7 +83,7 @@ class _Stream:
         self.newest = max(self.newest, timestamp)
         if len(self._seen) > self._prune_at:
             self._seen = {seen for seen in self._seen if seen > self.newest - LATE}
-            self._prune_at = len(self._seen) + _PRUNE
+            self._prune_at = 2 * len(self._seen) + _PRUNE
         return True
 
 
@@ -149,14 +149,15 @@ class Signing:
         `forged` is asked only without a key: it is what `self.forged` was with one.
         """
         self.advance(now_ns)
-        recalled = set(forged.split())
+        recalled = forged.split()
         refused: dict[int, Refusal] = {}
         for number, frame in enumerate(frames):
-            refusal = self._refusal(frame, str(number) in recalled)
+            refusal = self._refusal(frame, bool(recalled) and str(number) in recalled)
             if refusal is not None:
                 refused[number] = refusal
         self.refused += len(refused)
-        self.forged = " ".join(str(n) for n, why in refused.items() if why is Refusal.BAD_SIGNATURE)
+        bad = [str(number) for number, why in refused.items() if why is Refusal.BAD_SIGNATURE]
+        self.forged = " ".join(bad)
         return refused
 
     def _refusal(self, frame: Frame, forged: bool) -> Refusal | None:

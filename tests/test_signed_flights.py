@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.core import Guide
-from guidance.mavlink.signing import Refusal, Signing
+from guidance.mavlink.signing import Refusal, Signing, wall_timestamp
 from guidance.preflight.findings import Verdict
 from guidance.records import Input, InputKind, Packet, Record
 from guidance.replay import replay
@@ -301,3 +301,39 @@ def test_over_a_socket_it_flies_and_a_capture_is_refused_after_a_restart(
     capture = asyncio.run(fly())
     assert capture
     asyncio.run(attack(capture))
+
+
+def test_while_it_runs_the_clock_is_kept_and_follows_the_wall_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    monkeypatch.setattr("guidance.shell.WATCH_S", 0.02)
+    key = f'link.signing_key_file="{key_file(tmp_path)}"'
+    kept = tmp_path / "signing-demo.json"
+
+    def timestamp() -> int:
+        return int(msgspec.json.decode(kept.read_bytes())["timestamp"]) if kept.exists() else 0
+
+    async def live() -> None:
+        async with running(key) as rig, vehicle_for(rig, signing_key=KEY):
+            await rig.bell.until(timestamp, "a file")
+            hour_on = time.time_ns() + 3_600_000_000_000
+            monkeypatch.setattr("guidance.shell.time.time_ns", lambda: hour_on)
+            await rig.bell.until(lambda: timestamp() >= wall_timestamp(hour_on), "the new time")
+            kinds = [r.kind for r in rig.memory.records if isinstance(r, Input)]
+            assert kinds.count(InputKind.SIGNING_CLOCK) == 2
+            assert kinds[0] is InputKind.SIGNING_CLOCK
+
+    asyncio.run(live())
+
+
+def test_a_clock_that_cannot_be_kept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "signing.key"))
+    monkeypatch.setattr("guidance.shell.WATCH_S", 0.02)
+
+    async def live() -> None:
+        async with running(f'link.signing_key_file="{key_file(tmp_path)}"') as rig, vehicle_for(rig):
+            await rig.bell.until(lambda: rig.memory.events("note"), "a note")
+            assert "cannot be" in rig.memory.events("note")[0]
+
+    asyncio.run(live())

@@ -146,15 +146,22 @@ def test_what_the_key_signed_is_believed() -> None:
     assert end.link.refusal is None
 
 
+def mavlink1(sequence: int) -> bytes:
+    mav = dialect.MAVLink(None, 1, 1)
+    mav.seq = sequence
+    return bytes(BEAT.pack(mav, force_mavlink1=True))
+
+
 @pytest.mark.parametrize(
     ("packet", "why"),
     [
         (Oracle(None).pack(), Refusal.UNSIGNED),
-        (bytes(BEAT.pack(dialect.MAVLink(None, 1, 1), force_mavlink1=True)), Refusal.UNSIGNED),
+        (mavlink1(sequence=0), Refusal.UNSIGNED),
+        (mavlink1(sequence=1), Refusal.UNSIGNED),
         (Oracle(OTHER_KEY).pack(), Refusal.BAD_SIGNATURE),
         (Oracle(at=NOW - NEW_STREAM_BEHIND - 1).pack(), Refusal.REPLAYED),
     ],
-    ids=["unsigned", "mavlink1", "another key", "over a minute old"],
+    ids=["unsigned", "mavlink1", "mavlink1, number 1", "another key", "over a minute old"],
 )
 def test_nothing_else_is_believed(packet: bytes, why: Refusal) -> None:
     end = End()

@@ -125,7 +125,9 @@ def test_the_last_timestamp_of_all_is_survived() -> None:
     assert end.hears(Oracle(at=TIMESTAMP_MAX).pack())
     for _ in range(3):
         assert timestamp_of(end.signing.sign(PacketWriter(1, 191).pack(BEAT))) == TIMESTAMP_MAX
+    end = End(clock=SigningClock(TIMESTAMP_MAX - 1))
     end.signing.advance(10 * SECOND)
+    assert end.signing.clock.timestamp == TIMESTAMP_MAX
 
 
 @pytest.mark.parametrize(

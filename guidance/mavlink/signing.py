@@ -124,7 +124,9 @@ class Signing:
     def advance(self, now_ns: int) -> None:
         """Time passed."""
         timestamp, then_ns = self._set
-        self._timestamp = max(self._timestamp, timestamp + (now_ns - then_ns) // TICK_NS if timestamp else 0)
+        if timestamp:
+            timestamp += (now_ns - then_ns) // TICK_NS
+            self._timestamp = max(self._timestamp, min(timestamp, TIMESTAMP_MAX))
 
     def sign(self, packet: bytes) -> bytes:
         """A MAVLink 2 packet without a signature, with one."""

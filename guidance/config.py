@@ -50,6 +50,8 @@ class Link(_Section, frozen=True, kw_only=True):
     position_timeout_s: Timeout
     heartbeat_timeout_s: Annotated[float, Meta(ge=1.5, le=30.0)] = 3.0
     actuation_delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    signing_key_file: str = ""
+    signing_link_id: Annotated[int, Meta(ge=0, le=255)] = 0
 
 
 class SupervisorConfig(_Section, frozen=True, kw_only=True):

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.commanding import command_of
@@ -36,6 +38,7 @@ from guidance.mavlink.messages import (
 )
 from guidance.mavlink.profiles import Outgoing, neutral, set_attitude_target
 from guidance.mavlink.report import link_record
+from guidance.mavlink.signing import Signing, SigningClock
 from guidance.mavlink.streams import Stream
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet, stalled, young
@@ -53,9 +56,14 @@ _COMMANDS: Final = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_D
 
 
 class Guide:
-    """The whole service without its shell. Raises ConfigError for a configuration no profile fits."""
+    """The whole service without its shell. Raises ConfigError for a configuration no profile fits.
 
-    def __init__(self, config: Config) -> None:
+    `signing` must be given if the configuration names a key, and only then (ValueError).
+    """
+
+    def __init__(self, config: Config, signing: Signing | None = None) -> None:
+        if (signing is not None) != bool(config.link.signing_key_file):
+            raise ValueError("link.signing_key_file and `signing` go together")
         self.config = config
         self.profile = profile_of(config)
         self.connection = parse_connection(config.link.connection)
@@ -65,6 +73,7 @@ class Guide:
             config.link.heartbeat_timeout_s,
             self._streams_at(config.link.rate_hz),
             byte_stream=self.connection.byte_stream,
+            signing=signing,
         )
         self.engagement = Engagement(config.supervisor, self.profile)
         self.tracker = Tracker(config, self.profile)
@@ -107,6 +116,11 @@ class Guide:
         """The shell has something to say: the transport opened or failed, a sink has a problem."""
         self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=kind, text=text))
 
+    def signing_clock(self, clock: SigningClock, now_ns: int) -> None:
+        """It is at least so late, for signatures: first of all, and when the wall clock was set."""
+        text = msgspec.json.encode(clock).decode()
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.SIGNING_CLOCK, text=text))
+
     def handle(self, event: Input) -> None:
         """The one way in; the others build its events."""
         self._catch_up()
@@ -117,7 +131,10 @@ class Guide:
             self._started_ns = now_ns
         match event.kind:
             case InputKind.DATAGRAM:
-                for received in self.link.receive(event.data, now_ns):
+                came = self.link.receive(event.data, now_ns, event.text)
+                if self.link.signing is not None and self.link.signing.forged:
+                    self._records[-1] = replace(event, text=self.link.signing.forged)
+                for received in came:
                     self._take(received, now_ns)
             case InputKind.TICK:
                 self._tick(now_ns)
@@ -125,13 +142,16 @@ class Guide:
                 self._watch_ns = now_ns
                 told = obey(Command(event.text), self.engagement, self.tracker, now_ns)
                 self._tell(told)
+            case InputKind.SIGNING_CLOCK:
+                if self.link.signing is not None:
+                    self.link.signing.set(msgspec.json.decode(event.text, type=SigningClock), now_ns)
             case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
                 level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
                 self._event(level, event.kind, event.text, now_ns)
                 if event.kind is InputKind.LINK_UP:
                     self.link.reader.forget()
                     self._records += self._line.opened(now_ns)
-        packets = self.link.drain()
+        packets = self.link.outbox.drain()
         if packets:
             self._packets += packets
             self._put_off.append(partial(self._tell_packets, packets, event))
@@ -245,13 +265,13 @@ class Guide:
             self._event(Level.WARNING, "engage_expired", expired, now_ns)
         wanted = self.engagement.due_command(view, now_ns)
         if wanted is not None:
-            self.link.send(command_of(wanted, self.link.system, self.link.component))
+            self.link.outbox.send(command_of(wanted, self.link.system, self.link.component))
 
     def _changed(self, change: Change, now_ns: int) -> None:
         loud = change.after in _LOUD
         level = Level.WARNING if loud else Level.NOTICE
         self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
-        self.link.status_text(SEVERITY[level], status_text(change.after, change.event, change.reason))
+        self.link.outbox.status_text(SEVERITY[level], status_text(change.after, change.event, change.reason))
         self._cadence.now("status")
         if change.after in (State.STREAMING, State.SWITCHING, State.ARMING, State.LEAVING):
             self._words.forget()
@@ -286,7 +306,9 @@ class Guide:
         full_m_s = self.config.vehicle.speed_at_full_thrust_m_s
         out = neutral(self.profile, full_m_s) if solution is None else solution.outgoing
         boot_ms = (now_ns - (self._started_ns or 0)) // 1_000_000
-        self.link.send(set_attitude_target(self.profile, out, self.link.system, self.link.component, boot_ms))
+        self.link.outbox.send(
+            set_attitude_target(self.profile, out, self.link.system, self.link.component, boot_ms)
+        )
         self.setpoints_sent += 1
         self._sent_ns = now_ns
         self._silent_because = ""

@@ -34,6 +34,7 @@ class InputKind(StrEnum):
     LINK_UP = "link_up"
     LINK_DOWN = "link_down"
     NOTE = "note"
+    SIGNING_CLOCK = "signing_clock"
 
 
 class Command(StrEnum):
@@ -47,7 +48,11 @@ class Command(StrEnum):
 
 
 class Input(Record, frozen=True, kw_only=True, gc=False):
-    """One event that entered the core, in order; `seq` counts them without gaps, so that a loss shows."""
+    """One event that entered the core, in order; `seq` counts them without gaps, so that a loss shows.
+
+    The `text` of a datagram numbers those of its frames whose signature was not made with our key, so that
+    a replay needs no key; that of the signing clock is JSON (`guidance.mavlink.signing.SigningClock`).
+    """
 
     seq: int
     kind: InputKind

@@ -20,6 +20,7 @@ from guidance.config import Config, to_json
 from guidance.notify import Notifier
 from guidance.records import SCHEMA_VERSION, Command, Session
 from guidance.shell import Shell
+from guidance.signing_files import ClockKeeper, open_signing
 from guidance.telemetry.sinks import Sinks, configured_sinks
 
 #: An actuator failed, or works again: SIGRTMIN + i (`kill -s RTMIN+1`) commands the i-th.
@@ -32,6 +33,8 @@ ALLOCATION_COMMANDS: Final = (
 SWITCH_INTERVAL_S: Final = 0.0005
 #: All sinks together have this long to write what waits when the service stops.
 CLOSE_S: Final = 0.35
+#: The signing clock has as long to be kept.
+KEEP_S: Final = 0.15
 #: The process ends so long after it was told to, whatever hangs (a disk, a router, a pipe nobody reads).
 LEAVE_AT_THE_LATEST_S: Final = 1.8
 
@@ -56,11 +59,13 @@ def sinks_of(config: Config, session: Session) -> Sinks:
     return Sinks(configured_sinks(config, session))
 
 
-async def _serve(config: Config, gather: Callable[[Config, Session], Sinks]) -> int:
+async def _serve(
+    config: Config, keeper: ClockKeeper | None, gather: Callable[[Config, Session], Sinks]
+) -> int:
     session = new_session(config)
     sinks = gather(config, session)
     notifier = Notifier(os.environ, os.getpid())
-    shell = Shell(config, sinks, session, notifier)
+    shell = Shell(config, sinks, session, notifier, keeper)
     loop = asyncio.get_running_loop()
 
     def stop() -> None:
@@ -84,6 +89,8 @@ async def _serve(config: Config, gather: Callable[[Config, Session], Sinks]) -> 
         _leave_at_the_latest(lambda: 1)
         notifier.failed("internal error, no setpoint follows")
         _say(f"guidance: internal error, no setpoint follows; please report it\n{traceback.format_exc()}")
+    if keeper is not None:
+        keeper.close(KEEP_S)
     left = sinks.close(CLOSE_S)
     if left:
         # Threads that hang in a disk or in zenoh would hold up the interpreter's own end by seconds.
@@ -113,10 +120,12 @@ def serve(config: Config, gather: Callable[[Config, Session], Sinks] = sinks_of)
     records go to.
 
     Raises:
-        ConfigError: no profile fits the configuration, or zenoh does not take its settings.
+        ConfigError: no profile fits the configuration, zenoh does not take its settings, or the key of a
+            signed link cannot be used.
     """
+    keeper = open_signing(config)
     try:
         import uvloop
     except ImportError:  # not published for this platform
-        return asyncio.run(_serve(config, gather))
-    return uvloop.run(_serve(config, gather))
+        return asyncio.run(_serve(config, keeper, gather))
+    return uvloop.run(_serve(config, keeper, gather))

@@ -14,8 +14,10 @@ from typing import Any, Final
 
 from guidance.config import Config, parse_connection
 from guidance.core import Guide
+from guidance.mavlink.signing import Refusal
 from guidance.notify import Notifier
 from guidance.records import Command, InputKind, Session
+from guidance.signing_files import ClockKeeper
 from guidance.telemetry.sinks import Sinks
 from guidance.transport import Address, Lost, Transport, open_transport, said
 
@@ -31,9 +33,15 @@ class Shell:
     """One guide on one event loop."""
 
     def __init__(
-        self, config: Config, sinks: Sinks, session: Session, notifier: Notifier | None = None
+        self,
+        config: Config,
+        sinks: Sinks,
+        session: Session,
+        notifier: Notifier | None = None,
+        keeper: ClockKeeper | None = None,
     ) -> None:
-        self._guide = Guide(config)
+        self._guide = Guide(config, None if keeper is None else keeper.signing)
+        self._keeper = keeper
         self._connection = parse_connection(config.link.connection)
         self._peer_silent_s = config.link.heartbeat_timeout_s
         self._sinks = sinks
@@ -50,6 +58,8 @@ class Shell:
         self._why_closed = ""
         self._stopped = asyncio.Event()
         self._sinks.publish([session])
+        if keeper is not None:
+            self._guide.signing_clock(keeper.begin(time.time_ns()), time.monotonic_ns())
 
     @property
     def finished(self) -> bool:
@@ -206,10 +216,13 @@ class Shell:
             if came is None:
                 return
             now_ns = time.monotonic_ns()
-            before = link.received
+            before, stale = link.received, link.counters[Refusal.REPLAYED]
             guide.receive(came[0], now_ns)
             if link.received != before and (problem := transport.heard(came[1], now_ns)):
                 self._tell(problem)
+            elif link.refusal is Refusal.REPLAYED and link.counters[Refusal.REPLAYED] != stale:
+                # Its clock may only be behind. It goes by ours as soon as it hears us.
+                transport.perhaps(came[1], now_ns)
             self._send()
             if now_ns >= end_ns:
                 return
@@ -246,12 +259,23 @@ class Shell:
             await asyncio.sleep(WATCH_S)
             self.look_at_sinks()
             self._look_at_transport()
+            if self._keeper is not None:
+                self._look_at_signing(self._keeper)
 
     def look_at_sinks(self) -> None:
         """Note what has come to be wrong with a sink since the last look, and what is well again."""
         self._guide.dropped_records = self._sinks.dropped
         for news in self._sinks.news():
             self._note(InputKind.NOTE, news)
+
+    def _look_at_signing(self, keeper: ClockKeeper) -> None:
+        """Keep the signing clock, and set it when the wall clock was."""
+        clock = keeper.set_anew(time.time_ns())
+        if clock is not None:
+            self._turn(lambda now_ns: self._guide.signing_clock(clock, now_ns))
+        if keeper.problem:
+            self._tell(f"signing: {keeper.problem}")
+        keeper.keep()
 
     def _look_at_transport(self) -> None:
         """Note packets that could not be sent."""

@@ -80,6 +80,10 @@ def vehicle(
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="PARAM=VALUE", help="Firmware parameter; repeatable.")
     ] = None,
+    signing_key: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Sign, and take only what is signed, by this key (MAVLink 2)."),
+    ] = None,
     truth: Annotated[
         str | None, typer.Option(metavar="FILE", help="Write the plant's truth as JSON lines; - is stdout.")
     ] = None,
@@ -121,6 +125,7 @@ def vehicle(
             position_noise_m=position_noise,
             attitude_noise_rad=attitude_noise,
             seed=seed,
+            signing_key=b"" if signing_key is None else _key(signing_key),
         )
         asyncio.run(run(shell_options, vehicle_options))
     except (ValueError, OSError) as error:
@@ -293,6 +298,14 @@ def _address(text: str) -> tuple[str, int]:
     if not host or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ValueError(f"--to must be HOST:PORT with a port of 1 to 65535, not {text!r}")
     return host, int(port)
+
+
+def _key(path: Path) -> bytes:
+    content = path.read_bytes()
+    key = content if len(content) == 32 else bytes.fromhex(content.decode("ascii", "replace"))
+    if len(key) != 32:
+        raise ValueError(f"--signing-key must name a file of 32 bytes or 64 hex digits, not {len(key)} bytes")
+    return key
 
 
 def _three(option: str, text: str) -> tuple[float, float, float]:

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from guidance.config import Config
 from guidance.core import Guide
+from guidance.mavlink.signing import Signing, SigningClock, wall_timestamp
 from guidance.records import Packet, Record
 from sitl.vehicle import Truth, Vehicle
 
@@ -35,7 +36,8 @@ class Lockstep:
     """A guide and a vehicle, and the virtual clock between them.
 
     `now_ns` starts at `start_ns` so that nothing relies on a clock that begins at zero. Records go to
-    `on_record` in the order in which the core made them.
+    `on_record` in the order in which the core made them. `signing_key` is the guide's, for a configuration
+    that names one; its `signing_clock` shows the vehicle's time unless given.
     """
 
     def __init__(
@@ -48,8 +50,14 @@ class Lockstep:
         to_vehicle: Channel = PERFECT,
         seed: int = 0,
         on_record: Callable[[Record], object] | None = None,
+        signing_key: bytes | None = None,
+        signing_clock: SigningClock | None = None,
     ) -> None:
-        self.guide = Guide(config)
+        signing = None if signing_key is None else Signing(signing_key, config.link.signing_link_id)
+        self.guide = Guide(config, signing)
+        if signing is not None:
+            wall = wall_timestamp(vehicle.options.unix_at_zero_ns + start_ns)
+            self.guide.signing_clock(SigningClock(wall) if signing_clock is None else signing_clock, start_ns)
         self.vehicle = vehicle
         self.now_ns = start_ns
         self.records: list[Record] = []

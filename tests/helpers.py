@@ -7,6 +7,7 @@ from typing import Any, Final, TypeVar
 
 import guidance
 from guidance.config import Config, load
+from guidance.mavlink.signing import SigningClock
 from guidance.records import Event, Record
 from guidance.supervisor import State
 from sitl.lockstep import Channel, Lockstep
@@ -33,16 +34,20 @@ def make_flight(
     to_guide: Channel = PERFECT,
     to_vehicle: Channel = PERFECT,
     seed: int = 0,
+    signing_key: bytes | None = None,
+    vehicle_key: bytes | None = None,
+    signing_clock: SigningClock | None = None,
     **vehicle_options: Any,
 ) -> Lockstep:
     """The guide against the built-in vehicle of the configured profile, booted at the first instant.
 
     `config` replaces the demo's; `vehicle_options` are those of `VehicleOptions`, with the paper's start and
-    the profile's firmware unless given.
+    the profile's firmware unless given. `signing_key` is that of both ends, but for a `vehicle_key`.
     """
     config = make_config(*overrides) if config is None else config
     vehicle_options.setdefault("firmware", Firmware(config.vehicle.profile))
-    options = VehicleOptions(**vehicle_options)
+    key = signing_key if vehicle_key is None else vehicle_key
+    options = VehicleOptions(**vehicle_options, signing_key=key or b"")
     start_ns = 1_000_000_000
     return Lockstep(
         config,
@@ -51,6 +56,8 @@ def make_flight(
         to_guide=to_guide,
         to_vehicle=to_vehicle,
         seed=seed,
+        signing_key=signing_key,
+        signing_clock=signing_clock,
     )
 
 

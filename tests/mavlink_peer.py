@@ -67,7 +67,7 @@ class Peer:
 
     def drained(self) -> list[Any]:
         parser = dialect.MAVLink(None)
-        return [message for packet in self.link.drain() for message in parser.parse_buffer(packet)]
+        return [message for packet in self.link.outbox.drain() for message in parser.parse_buffer(packet)]
 
     def answer_timesync(self, vehicle_ns: int) -> None:
         """Ask, if it is time, and answer at once."""

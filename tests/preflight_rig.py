@@ -8,6 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from guidance.mavlink.signing import Signing, SigningClock, wall_timestamp
 from guidance.preflight.checks import findings
 from guidance.preflight.findings import Finding, Verdict
 from guidance.preflight.observation import Observation
@@ -27,7 +28,8 @@ class Bench:
     """A look of at most `seconds` at a vehicle (None: a dead line); `took_s` is how long it lasted.
 
     `others` gives what else comes at an instant, `orders` what others send to the vehicle then; `garbles`
-    says what becomes of the vehicle's bytes on the way, `deaf_to` which of our messages do not arrive.
+    says what becomes of the vehicle's bytes on the way, `deaf_to` which of our messages do not arrive. A
+    `lenient` vehicle that signs takes unsigned packets all the same.
     """
 
     def __init__(
@@ -40,11 +42,19 @@ class Bench:
         garbles: Callable[[bytes], bytes] = lambda data: data,
         deaf_to: Callable[[Any], bool] = lambda message: False,
         dead: bool = False,
+        signing_key: bytes | None = None,
+        lenient: bool = False,
     ) -> None:
         config = make_config("supervisor.engage=auto", "supervisor.arm=true", *overrides)
         options = {"firmware": Firmware(config.vehicle.profile), **(vehicle or {})}
         self.vehicle = Vehicle(VehicleOptions(**options), boot_ns=START_NS)
-        self.observation = Observation(config)
+        if lenient:
+            self.vehicle._pilot.link._mav.signing.allow_unsigned_callback = lambda mav, message_id: True
+        signing = None if signing_key is None else Signing(signing_key, 0)
+        if signing is not None:
+            wall = wall_timestamp(self.vehicle.options.unix_at_zero_ns + START_NS)
+            signing.set(SigningClock(wall), START_NS)
+        self.observation = Observation(config, signing)
         self.sent: list[Any] = []
         self.now_ns = START_NS
         self._others, self._orders = others, orders

@@ -16,6 +16,7 @@ from guidance.config import Config
 from guidance.records import TOPICS, Command, Event, Record, Setpoint
 from guidance.service import new_session
 from guidance.shell import Shell
+from guidance.signing_files import open_signing
 from guidance.telemetry import Sample, Sink
 from guidance.telemetry.sinks import Sinks
 from sitl.vehicle import Vehicle, VehicleOptions
@@ -74,14 +75,14 @@ class Memory:
 class VehicleEnd(asyncio.DatagramProtocol):
     """The built-in vehicle on a socket of the test's own loop; `deaf_to` drops what it must not hear."""
 
-    def __init__(self, to: tuple[str, int] | None, ring: Callable[[], None]) -> None:
+    def __init__(self, to: tuple[str, int] | None, ring: Callable[[], None], **options: Any) -> None:
         self.heard: list[Any] = []
         self.heard_ns: list[int] = []
         self.sent: list[Any] = []
         self.deaf_to: Callable[[Any], bool] = lambda message: False
         self._to = to
         self._ring = ring
-        self._vehicle = Vehicle(VehicleOptions(), time.monotonic_ns())
+        self.vehicle = Vehicle(VehicleOptions(**options), time.monotonic_ns())
         self._in, self._out = mavlink.MAVLink(None), mavlink.MAVLink(None)
         self._timer: asyncio.TimerHandle | None = None
 
@@ -100,13 +101,13 @@ class VehicleEnd(asyncio.DatagramProtocol):
 
     def live(self) -> None:
         """Send all that the vehicle has to say until now."""
-        for datagram in self._vehicle.advance(time.monotonic_ns()):
+        for datagram in self.vehicle.advance(time.monotonic_ns()):
             if self._to is not None:
                 self.sent += self._out.parse_buffer(datagram) or []
                 self.say(datagram, self._to)
         if self._timer is not None:
             self._timer.cancel()
-        delay_s = (self._vehicle.deadline() - time.monotonic_ns()) * 1e-9
+        delay_s = (self.vehicle.deadline() - time.monotonic_ns()) * 1e-9
         self._timer = self._loop.call_later(max(delay_s, 0.0), self.live)
 
     def say(self, datagram: bytes, to: tuple[str, int]) -> None:
@@ -119,7 +120,7 @@ class VehicleEnd(asyncio.DatagramProtocol):
             self.heard.append(message)
             self.heard_ns.append(now_ns)
             if not self.deaf_to(message):
-                self._vehicle.receive(message.get_msgbuf(), now_ns, addr)
+                self.vehicle.receive(message.get_msgbuf(), now_ns, addr)
         self._ring()
         self.live()
 
@@ -133,7 +134,9 @@ class Rig:
     def __init__(self, config: Config, others: Mapping[str, Sink] | None = None) -> None:
         self.bell = Bell()
         self.memory = Memory(self.bell.ring)
-        self.shell = Shell(config, Sinks({"memory": self.memory, **(others or {})}), new_session(config))
+        sinks = Sinks({"memory": self.memory, **(others or {})})
+        self.keeper = open_signing(config)
+        self.shell = Shell(config, sinks, new_session(config), keeper=self.keeper)
         self.run = asyncio.get_running_loop().create_task(self.shell.run())
         self.run.add_done_callback(lambda _: self.bell.ring())
 
@@ -154,11 +157,13 @@ async def running(*overrides: str, others: Mapping[str, Sink] | None = None) -> 
     finally:
         rig.shell.command(Command.SHUTDOWN)
         await asyncio.wait_for(rig.run, PATIENCE_S)
+        if rig.keeper is not None:
+            rig.keeper.close(PATIENCE_S)
 
 
 @asynccontextmanager
-async def vehicle_for(rig: Rig) -> AsyncIterator[VehicleEnd]:
-    vehicle = VehicleEnd(await rig.address(), rig.bell.ring)
+async def vehicle_for(rig: Rig, **options: Any) -> AsyncIterator[VehicleEnd]:
+    vehicle = VehicleEnd(await rig.address(), rig.bell.ring, **options)
     await vehicle.open()
     try:
         yield vehicle

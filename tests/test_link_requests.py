@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.mavlink.link import COMPONENT_ID
 from guidance.mavlink.messages import MESSAGE_IDS
+from guidance.mavlink.outbox import COMPONENT_ID
 from guidance.mavlink.streams import Stream
 from tests.mavlink_peer import SECOND, Peer, frame_by_hand
 
@@ -143,7 +143,7 @@ def test_streams_are_asked_for_and_a_denial_is_heard() -> None:
 )
 def test_status_text_is_cut_to_fifty_bytes_and_plain(text: str, sent: str) -> None:
     peer = Peer()
-    peer.link.status_text(4, text)
+    peer.link.outbox.status_text(4, text)
     (message,) = peer.drained()
     assert (message.get_type(), message.severity, message.text) == ("STATUSTEXT", 4, sent)
 

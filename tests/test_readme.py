@@ -22,6 +22,7 @@ from guidance import cli as guidance_cli
 from guidance.config import load
 from guidance.demo import CONFIG_FILE, Result
 from guidance.figures import StreamFigures, TrackingFigures
+from guidance.signing_files import read_key
 from sitl import cli as sitl_cli
 from sitl.logbook import LogBook
 from tests.helpers import make_config, make_flight
@@ -49,7 +50,16 @@ BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
 BENCHES = [".venv/bin/sitl bench latency", ".venv/bin/sitl bench loop"]  # in tests of their own
-OTHERS = [INSTALL_AND_FLY, INSTALL_AND_TEST, ".venv/bin/sitl bench", BENCH_CAMPAIGN, *BENCHES, ".ci/run"]
+MAKE_A_KEY = "(umask 077 && openssl rand -hex 32 > signing.key)"
+OTHERS = [
+    INSTALL_AND_FLY,
+    MAKE_A_KEY,
+    INSTALL_AND_TEST,
+    ".venv/bin/sitl bench",
+    BENCH_CAMPAIGN,
+    *BENCHES,
+    ".ci/run",
+]
 
 
 def words(command: str) -> list[str]:
@@ -256,3 +266,8 @@ def test_what_is_installed_on_the_vehicle_is_where_the_unit_looks_for_it(tmp_pat
         subprocess.run(words_there, cwd=ROOT, check=True)
     load(tmp_path / config.lstrip("/"))
     assert (tmp_path / "etc/systemd/system/guidance@.service").read_text(encoding="utf-8") == unit
+
+
+def test_the_key_that_is_made_is_taken(tmp_path: Path) -> None:
+    subprocess.run(MAKE_A_KEY, shell=True, cwd=tmp_path, check=True)
+    assert len(read_key(tmp_path / "signing.key")) == 32

@@ -185,7 +185,8 @@ def test_a_stopped_stream_is_silent_and_the_schedule_can_be_empty() -> None:
 # --- packing and parsing -------------------------------------------------------------------------------
 
 
-def test_quick_packing_gives_the_bytes_of_pymavlink() -> None:
+@pytest.mark.parametrize("key", [None, bytes(range(32))], ids=["unsigned", "signed"])
+def test_quick_packing_gives_the_bytes_of_pymavlink(key: bytes | None) -> None:
     state = PlantState((1.5, -2.5, 3.0), attitude_from_euler(0.1, -0.2, 3.0), (0.1, -0.2, 0.0), 2.0)
     sample = Sample(1_234_567_000_000, state, Origin(), None, 0.0, 0.0, azimuthal_equidistant)
     pilot = Px4(VehicleOptions())
@@ -193,10 +194,13 @@ def test_quick_packing_gives_the_bytes_of_pymavlink() -> None:
     for sequence, (name, message) in enumerate(zip(QUICK, quick, strict=True)):
         ours = mavlink.MAVLink(None, 7, 1)
         ours.seq = sequence * 50
+        ours.signing.secret_key, ours.signing.sign_outgoing = key, key is not None
+        ours.signing.timestamp = 2**40 + sequence
         packet = message.pack(ours)
         heard = mavlink.MAVLink(None).parse_char(packet)
         assert heard.get_type() == name
         assert (heard.get_srcSystem(), heard.get_seq()) == (7, sequence * 50)
+        ours.signing.timestamp = 2**40 + sequence
         assert heard.pack(ours) == packet
 
 

@@ -28,15 +28,19 @@ from guidance.mavlink.messages import CRC_EXTRA
 START_V1: Final = 0xFE
 START_V2: Final = 0xFD
 _START: Final = re.compile(rb"[\xfd\xfe]")
-_SIGNED: Final = 0x01
-_SIGNATURE_BYTES: Final = 13
+#: Of the incompatibility flags: a signature follows.
+SIGNED: Final = 0x01
+SIGNATURE_BYTES: Final = 13
 #: MAVLink 2 between the start byte and the payload; the message id has three bytes.
 _HEADER: Final = Struct("<6BHB")
 _EXTRA: Final = {message_id: bytes([extra]) for message_id, extra in CRC_EXTRA.items()}
 
 
 class Frame(NamedTuple):
-    """One MAVLink packet with a checksum that holds (or an id that the dialect does not know)."""
+    """One MAVLink packet with a checksum that holds (or an id that the dialect does not know).
+
+    `signed` is the whole packet if a signature follows it, which nobody has looked at yet; else empty.
+    """
 
     message_id: int
     system: int
@@ -44,6 +48,7 @@ class Frame(NamedTuple):
     sequence: int
     payload: bytes
     known: bool
+    signed: bytes = b""
 
 
 class FrameReader:
@@ -112,10 +117,10 @@ class FrameReader:
         if left < 3:
             return 12
         flags = buffer[position + 2]
-        if flags & ~_SIGNED:  # by the specification, flags that are not understood discard the packet
+        if flags & ~SIGNED:  # by the specification, flags that are not understood discard the packet
             self.counters["unsupported_flags"] += 1
             return None
-        return 12 + buffer[position + 1] + (_SIGNATURE_BYTES if flags & _SIGNED else 0)
+        return 12 + buffer[position + 1] + (SIGNATURE_BYTES if flags & SIGNED else 0)
 
     def _skip(self, buffer: bytes, position: int) -> int:
         found = _START.search(buffer, position + 1)
@@ -134,14 +139,17 @@ def _frame(buffer: bytes, position: int) -> Frame | None:
         header = 6
         sequence, system, component, message_id = buffer[position + 2 : position + 6]
     body_end = position + header + buffer[position + 1]
+    signed = b""
+    if header == 10 and buffer[position + 2] & SIGNED:
+        signed = buffer[position : body_end + 2 + SIGNATURE_BYTES]
     payload = buffer[position + header : body_end]
     extra = _EXTRA.get(message_id)
     if extra is None:
-        return Frame(message_id, system, component, sequence, payload, known=False)
+        return Frame(message_id, system, component, sequence, payload, False, signed)
     checksum = crc16.mcrf4xx(buffer[position + 1 : body_end] + extra)
     if checksum != buffer[body_end] | buffer[body_end + 1] << 8:
         return None
-    return Frame(message_id, system, component, sequence, payload, known=True)
+    return Frame(message_id, system, component, sequence, payload, True, signed)
 
 
 class Payload(NamedTuple):

@@ -1,4 +1,4 @@
-"""Who else is heard on the link: ground stations, radios, other vehicles."""
+"""Who else is heard on the link: ground stations, radios, other vehicles. None of them is obeyed."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Final
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.mavlink.codec import Frame
+from guidance.mavlink.interference import order_of
 from guidance.mavlink.messages import DECODERS, Heartbeat
 
 AUTOPILOT: Final = "an autopilot"
@@ -24,26 +25,51 @@ _RADIO_COMPONENTS: Final = (
 
 
 class Company:
-    """Every sender but the autopilot: `frames` counts their good frames."""
+    """Every sender but the autopilot of `system`: `frames` counts their good frames.
 
-    def __init__(self) -> None:
+    `component` is ours: what is addressed to it is no order to the autopilot.
+    """
+
+    def __init__(self, system: int, component: int) -> None:
         self.frames = 0
+        self._own = (system, component)
         self._roles: dict[tuple[int, int], str] = {}
+        self._orders: dict[tuple[int, int], str] = {}
+        self._orders_told = 0
 
     @property
     def roles(self) -> Mapping[tuple[int, int], str]:
         """What each is, by system and component; as far as it has said so."""
         return self._roles
 
-    def heard(self, frame: Frame) -> None:
-        """A frame of another sender; one of an unknown id cannot be checked and proves nothing."""
+    def heard(self, frame: Frame, *, believed: bool = True) -> bool:
+        """A frame of another sender; whether it tells the autopilot what to do.
+
+        One of an unknown id cannot be checked and proves nothing. One whose signature does not hold
+        (`believed`) says nothing of its sender, but that the autopilot is told something is so.
+        """
         if not frame.known:
-            return
+            return False
+        sender = (frame.system, frame.component)
+        order = order_of(frame, *self._own)
+        if order is not None and len(self._orders) < _KNOWN_MAX:
+            self._orders.setdefault(sender, order)
+        if not believed:
+            return order is not None
         self.frames += 1
         role = _ROLES.get(frame.message_id)
-        sender = (frame.system, frame.component)
         if role is not None and (sender in self._roles or len(self._roles) < _KNOWN_MAX):
             self._roles[sender] = role(frame)
+        return order is not None
+
+    def newly_ordering(self) -> list[str]:
+        """Who has begun to tell the autopilot what to do, and by what; each is told once."""
+        new = list(self._orders.items())[self._orders_told :]
+        self._orders_told = len(self._orders)
+        return [
+            f"{self._roles.get(sender, 'somebody')} ({sender[0]}/{sender[1]}) sent {order}"
+            for sender, order in new
+        ]
 
     def __str__(self) -> str:
         return ", ".join(

@@ -39,7 +39,7 @@ class LineWatch:
 
     def measured(self, record: Link, link: AutopilotLink) -> Link:
         """The link's record with what was measured on the line."""
-        received, sent = self._traffic.look(link.bytes_received, link.bytes_sent, record.t_ns)
+        received, sent = self._traffic.look(link.bytes_received, link.outbox.bytes_sent, record.t_ns)
         return replace(
             record,
             transport=self._connection.scheme,
@@ -60,6 +60,10 @@ class LineWatch:
                 "hears by two ways (close one)"
             )
             news.append(_warning(record.t_ns, "two_autopilots", text))
+        news += [
+            _warning(record.t_ns, "orders_of_others", f"{who}: not obeyed here, but the autopilot may")
+            for who in link.company.newly_ordering()
+        ]
         return news
 
     def _needed_at(self, rate_hz: float) -> float:

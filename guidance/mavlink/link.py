@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.mavlink.boot import BOOT_MS_MAX, BootClock, BootTime
 from guidance.mavlink.clock import ClockFilter
-from guidance.mavlink.codec import Frame, FrameReader, PacketWriter
+from guidance.mavlink.codec import Frame, FrameReader
 from guidance.mavlink.company import Company
 from guidance.mavlink.messages import (
     DECODERS,
@@ -31,13 +31,11 @@ from guidance.mavlink.messages import (
     Timesync,
     on_earth,
 )
-from guidance.mavlink.profiles import command_long
+from guidance.mavlink.outbox import COMPONENT_ID, Outbox
 from guidance.mavlink.sequence import Order, SequenceWatch
+from guidance.mavlink.signing import Refusal, Signing
 from guidance.mavlink.streams import Stream, Streams
 from guidance.mavlink.twins import Twins
-
-#: This component, as other MAVLink nodes see it.
-COMPONENT_ID: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 
 #: How many times its time-out a heartbeat may be old while other messages of the autopilot come.
 HEARTBEATS_MISSED: Final = 3
@@ -68,7 +66,10 @@ class Received(NamedTuple):
 
 
 class AutopilotLink:
-    """Bookkeeping for one peer. Bytes in by `receive`, packets out by `drain`; time is an argument."""
+    """Bookkeeping for one peer. Bytes in by `receive`, packets out by `outbox`; time is an argument.
+
+    Without `signing` signatures are neither made nor looked at: signed packets are as good as unsigned ones.
+    """
 
     def __init__(
         self,
@@ -78,17 +79,20 @@ class AutopilotLink:
         streams: Iterable[Stream],
         *,
         byte_stream: bool = False,
+        signing: Signing | None = None,
     ) -> None:
         self.system = system
         self.component = component
         self.clock = ClockFilter()
         self.streams = Streams(streams)
         self.reader = FrameReader(stream=byte_stream)
+        self.signing = signing
+        self.signs = False  # whether the autopilot's newest packet carries a signature, good or not
+        self.refusal: Refusal | None = None  # why its newest packet is not believed
         self.counters: Counter[str] = Counter()
         self.bytes_received = 0
-        self.bytes_sent = 0
         self.received = 0
-        self.company = Company()
+        self.company = Company(system, COMPONENT_ID)
         self.twins = Twins()
         self.bytes_at_heartbeat = (0, 0)  # all of them, and those that were garbage
         self.reboots = 0
@@ -98,8 +102,7 @@ class AutopilotLink:
         self.version: AutopilotVersion | None = None
         self.origin: GpsGlobalOrigin | None = None
         self.home: HomePosition | None = None
-        self._writer = PacketWriter(system, COMPONENT_ID)
-        self._outbox: list[bytes] = []
+        self.outbox = Outbox(system, component, signing)
         self._heartbeat_timeout_ns = round(heartbeat_timeout_s * 1e9)
         self.heartbeat_ns = 0
         self._heard_ns = 0
@@ -145,12 +148,20 @@ class AutopilotLink:
 
     # Bytes in ----------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now_ns: int) -> list[Received]:
-        """The autopilot's messages in `data` that may be believed, in order."""
+    def receive(self, data: bytes, now_ns: int, forged: str = "") -> list[Received]:
+        """The autopilot's messages in `data` that may be believed, in order.
+
+        A replay, which has no key, says with `forged` what `signing.forged` was.
+        """
         accepted: list[Received] = []
         self.bytes_received += len(data)
-        for frame in self.reader.feed(data):
-            if not self._is_autopilot(frame):
+        frames = self.reader.feed(data)
+        refused: dict[int, Refusal] = {}
+        if self.signing is not None:
+            refused = self.signing.refusals(frames, now_ns, forged)
+            self.counters.update(refused.values())
+        for number, frame in enumerate(frames):
+            if not self._is_autopilot(frame, refused.get(number)) or number in refused:
                 continue
             place = self.sequence.place(frame.sequence, now_ns)
             # An equal number alone proves nothing: a frame of an unknown id cannot be checked, may be forged.
@@ -174,11 +185,14 @@ class AutopilotLink:
                 accepted.append(Received(_NAMES[frame.message_id], body))
         return accepted
 
-    def _is_autopilot(self, frame: Frame) -> bool:
+    def _is_autopilot(self, frame: Frame, refusal: Refusal | None) -> bool:
         if frame.system == self.system and frame.component == self.component:
+            if frame.known:
+                self.signs, self.refusal = bool(frame.signed), refusal
             return True
         self.counters["other_system" if frame.system != self.system else "other_component"] += 1
-        self.company.heard(frame)
+        if self.company.heard(frame, believed=refusal is None):
+            self.counters["orders_of_others"] += 1
         return False
 
     def _note(self, body: Body, number: int, now_ns: int) -> bool:
@@ -268,7 +282,7 @@ class AutopilotLink:
     def _timesync(self, body: Timesync, now_ns: int) -> None:
         # The extension fields that name a target are not read: PX4 sends arbitrary bytes there (recorded).
         if body.tc1 == 0:
-            self.send(dialect.MAVLink_timesync_message(now_ns, body.ts1))
+            self.outbox.send(dialect.MAVLink_timesync_message(now_ns, body.ts1))
         elif body.ts1 in self._questions:
             self._questions.remove(body.ts1)
             self._answered_ns = max(body.ts1, self._answered_ns or 0)
@@ -284,21 +298,6 @@ class AutopilotLink:
 
     # Packets out -------------------------------------------------------------------------------------
 
-    def drain(self) -> list[bytes]:
-        """The packets to hand to the transport, in order; the outbox is empty after."""
-        packets, self._outbox = self._outbox, []
-        return packets
-
-    def send(self, message: Any) -> None:
-        """Queue one of pymavlink's messages."""
-        packet = self._writer.pack(message)
-        self.bytes_sent += len(packet)
-        self._outbox.append(packet)
-
-    def status_text(self, severity: int, text: str) -> None:
-        """Queue STATUSTEXT (253), cut to its 50 bytes."""
-        self.send(dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))
-
     def deadline(self) -> int:
         """When `tick` has something to do again, ns."""
         if self.heartbeat is None:
@@ -309,10 +308,11 @@ class AutopilotLink:
 
     def tick(self, now_ns: int) -> None:
         """Queue what is due: our heartbeat, a TIMESYNC question, requests that were not answered."""
+        if self.signing is not None:
+            self.signing.advance(now_ns)
         if now_ns >= self._next_heartbeat_ns:
             self._next_heartbeat_ns = now_ns + _HEARTBEAT_PERIOD_NS
-            kind, state = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
-            self.send(dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3))
+            self.outbox.heartbeat()
         if not self.connected(now_ns) or now_ns - self._intended_ns > _INTENDED_OLD_NS:
             self.intended_mode = None
         if self.heartbeat is None:
@@ -320,20 +320,20 @@ class AutopilotLink:
         if now_ns >= self._next_timesync_ns:
             self._next_timesync_ns = now_ns + _TIMESYNC_PERIOD_NS
             self._questions = [*self._questions[1 - _QUESTIONS_KEPT :], now_ns]
-            self.send(dialect.MAVLink_timesync_message(0, now_ns))
+            self.outbox.send(dialect.MAVLink_timesync_message(0, now_ns))
         if now_ns >= self._next_stream_ns:
             self._next_stream_ns = now_ns + _STREAM_PERIOD_NS
             request = self.streams.request(now_ns)
             if request is not None:
                 message, rate_hz = request
-                self._command(
+                self.outbox.command(
                     dialect.MAV_CMD_SET_MESSAGE_INTERVAL, MESSAGE_IDS[message], round(1e6 / rate_hz)
                 )
         if now_ns >= self._next_request_ns:
             self._next_request_ns = now_ns + _REQUEST_PERIOD_NS
             for name, known in self._one_shot():
                 if not known:
-                    self._command(dialect.MAV_CMD_REQUEST_MESSAGE, MESSAGE_IDS[name])
+                    self.outbox.command(dialect.MAV_CMD_REQUEST_MESSAGE, MESSAGE_IDS[name])
 
     def _one_shot(self) -> tuple[tuple[str, bool], ...]:
         """What must be asked for until it comes, so that origin and version are known."""
@@ -342,9 +342,6 @@ class AutopilotLink:
             ("GPS_GLOBAL_ORIGIN", self.origin is not None),
             ("HOME_POSITION", self.home is not None),
         )
-
-    def _command(self, command: int, *params: float) -> None:
-        self.send(command_long(self.system, self.component, command, *params))
 
 
 _NAMES: Final = {message_id: name for name, message_id in MESSAGE_IDS.items()}

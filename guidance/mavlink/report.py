@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from guidance.mavlink.company import AUTOPILOT, RADIO
 from guidance.mavlink.link import AutopilotLink
+from guidance.mavlink.signing import Refusal
 from guidance.records import Link
 
 
@@ -42,6 +43,8 @@ def absence(link: AutopilotLink, scheme: str) -> str:
     `scheme` is the connection's kind.
     """
     wanted = f"{link.system}/{link.component}"
+    if link.refusal is not None:
+        return f"heard {wanted}, but {_REFUSED[link.refusal]}"
     if link.heartbeat is not None:
         return f"the heartbeat of {wanted} stopped: {_since_heartbeat(link, scheme)}"
     if link.reboots and link.received:
@@ -52,11 +55,22 @@ def absence(link: AutopilotLink, scheme: str) -> str:
         return f"heard: {link.company}, no heartbeat of {wanted}: {_instead(link)}"
     if link.received:
         return f"packets of {wanted}, but no heartbeat of an autopilot yet"
+    if link.signing is not None and link.signing.refused and not link.company.frames:
+        return f"{link.signing.refused} packets that are not signed by our key, none of {wanted}: {_ELSE}"
     if not link.company.frames or is_garbage(link.bytes_received, link.reader.counters["garbage_bytes"]):
         return f"{link.bytes_received} bytes and no MAVLink frame: {_GARBAGE[scheme]}"
     return f"{link.bytes_received} bytes, but no heartbeat of {wanted}: does the router forward it?"
 
 
+#: What to look at when the autopilot is heard and its packets are refused for their signature.
+_REFUSED: Final = {
+    Refusal.UNSIGNED: "the autopilot does not sign: give it the key of link.signing_key_file",
+    Refusal.BAD_SIGNATURE: "the autopilot signs with another key: give it that of link.signing_key_file",
+    Refusal.REPLAYED: (
+        "its signatures are of the past: a replay, or its clock is more than a minute behind; is it without "
+        "GPS, does it hear us?"
+    ),
+}
 #: What to look at when nothing comes.
 _NOTHING: Final = {
     "udpin": "does the autopilot or a router send to this port?",
@@ -73,6 +87,7 @@ _GARBAGE: Final = {
     "tcp": "what listens there does not speak MAVLink, or another program does",
     "serial": "wrong baud rate? A console or GPS on this port, or another program that takes bytes away?",
 }
+_ELSE: Final = "is vehicle.system_id right, does the router forward the autopilot's packets?"
 #: Of what came: above this part of it is not MAVLink, whatever a checksum may have found in it by chance.
 _GARBAGE_PART: Final = 0.9
 _GARBAGE_MIN_BYTES: Final = 200
@@ -102,7 +117,7 @@ def _instead(link: AutopilotLink) -> str:
         return (
             "nothing comes through the radio: is the other one powered, paired, at the autopilot's baud rate?"
         )
-    return "is vehicle.system_id right, does the router forward the autopilot's packets?"
+    return _ELSE
 
 
 def enum_name(enum: str, value: int) -> str:

@@ -34,6 +34,7 @@ CHECKS: Final = (
     Check("line", "bytes", Needs.LINE, link_checks.bytes_seen),
     Check("line", "others heard", Needs.LINE, link_checks.senders),
     Check("autopilot", "autopilot", Needs.LINE, link_checks.autopilot),
+    Check("autopilot", "signing", Needs.AUTOPILOT, link_checks.signing),
     Check("autopilot", "profile", Needs.AUTOPILOT, link_checks.profile),
     Check("autopilot", "clock", Needs.AUTOPILOT, link_checks.clock),
     Check("autopilot", "loss", Needs.AUTOPILOT, link_checks.loss),

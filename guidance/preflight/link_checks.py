@@ -8,9 +8,10 @@ from typing import Final
 
 from guidance.connection import SerialLine
 from guidance.mavlink.budget import FULL
-from guidance.mavlink.link import COMPONENT_ID
+from guidance.mavlink.outbox import COMPONENT_ID
 from guidance.mavlink.profiles import PROFILES
 from guidance.mavlink.report import enum_name, is_garbage, version_text
+from guidance.mavlink.signing import Refusal
 from guidance.mavlink.streams import SATISFIED, Stream
 from guidance.preflight.findings import Finding, Verdict, fail, ok, parted, skip, warn
 from guidance.preflight.seen import Seen
@@ -85,7 +86,7 @@ def bytes_seen(seen: Seen) -> Iterator[Finding]:
     """Something comes, and it is MAVLink."""
     link = seen.observation.link
     total, garbage = link.bytes_received, link.reader.counters["garbage_bytes"]
-    frames = link.received + link.company.frames
+    frames = _frames(seen)
     if not total or not frames or (link.heartbeat is None and is_garbage(total, garbage)):
         yield fail("bytes", *_absence(seen))
     elif garbage > GARBAGE_WARN * total:
@@ -96,6 +97,12 @@ def bytes_seen(seen: Seen) -> Iterator[Finding]:
         )
     else:
         yield ok("bytes", f"{total} came, {frames} MAVLink packets")
+
+
+def _frames(seen: Seen) -> int:
+    """MAVLink packets of whomever, those included that are refused for their signature."""
+    link = seen.observation.link
+    return link.received + link.company.frames + (0 if link.signing is None else link.signing.refused)
 
 
 def _absence(seen: Seen) -> tuple[str, str]:
@@ -123,8 +130,11 @@ def autopilot(seen: Seen) -> Iterator[Finding]:
     observation = seen.observation
     link = observation.link
     if observation.absent_because or link.heartbeat is None:
-        frames = link.received + link.company.frames
-        yield fail("autopilot", *_absence(seen)) if frames else skip("autopilot", "no MAVLink packet came")
+        yield (
+            fail("autopilot", *_absence(seen))
+            if _frames(seen)
+            else skip("autopilot", "no MAVLink packet came")
+        )
         return
     beat, version = link.heartbeat, link.version
     firmware = _FIRMWARE.get(beat.autopilot) or enum_name("MAV_AUTOPILOT", beat.autopilot)
@@ -135,6 +145,28 @@ def autopilot(seen: Seen) -> Iterator[Finding]:
     else:
         uid = f", uid {version.uid:x}" if version.uid else ""
         yield ok("autopilot", f"{who}{version_text(version.flight_sw_version)}{uid}")
+
+
+def signing(seen: Seen) -> Iterator[Finding]:
+    """Both ends sign, or neither does."""
+    link = seen.observation.link
+    if link.signing is None and link.signs:
+        yield warn(
+            "signing",
+            "the autopilot signs, and this service has no key: it may be ignored",
+            "set link.signing_key_file to the autopilot's key, or take that out of the autopilot",
+        )
+    elif link.signing is None:
+        yield ok("signing", "off: whoever reaches the line is believed")
+    elif link.signing.refused:
+        counts = ", ".join(f"{link.counters[why]} {why}" for why in Refusal if link.counters[why])
+        yield warn(
+            "signing",
+            f"signed by our key, but also refused: {counts}",
+            "who else sends on this line? Packets that come twice are refused too (signature_replayed)",
+        )
+    else:
+        yield ok("signing", "both ends sign, by one key")
 
 
 def profile(seen: Seen) -> Iterator[Finding]:

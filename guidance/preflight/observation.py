@@ -25,8 +25,8 @@ from guidance.mavlink.messages import (
     SysStatus,
 )
 from guidance.mavlink.parameters import ParameterReader, request_read
-from guidance.mavlink.profiles import command_long
 from guidance.mavlink.report import absence, link_record
+from guidance.mavlink.signing import Signing
 from guidance.mavlink.streams import SATISFIED, Stream
 from guidance.readiness import young
 from guidance.records import Link
@@ -45,9 +45,12 @@ _SERIOUS: Final = dialect.MAV_SEVERITY_WARNING
 
 
 class Observation:
-    """One look at one vehicle. `opened` must be called first; then `tick` whenever `deadline` has passed."""
+    """One look at one vehicle. `opened` must be called first; then `tick` whenever `deadline` has passed.
 
-    def __init__(self, config: Config) -> None:
+    `signing` is that of a configuration with a key, its clock set.
+    """
+
+    def __init__(self, config: Config, signing: Signing | None = None) -> None:
         vehicle, link = config.vehicle, config.link
         self.config = config
         self.profile = profile_of(config)
@@ -58,6 +61,7 @@ class Observation:
             link.heartbeat_timeout_s,
             self._streams_at(link.rate_hz),
             byte_stream=self.connection.byte_stream,
+            signing=signing,
         )
         self.tracker = Tracker(config, self.profile)
         requirements = self.profile.requirements
@@ -141,13 +145,13 @@ class Observation:
         if link.heartbeat is not None:
             self._heard_ns = now_ns if self._heard_ns is None else self._heard_ns
             for name in self.parameters.due(now_ns):
-                link.send(request_read(name, link.system, link.component))
+                link.outbox.send(request_read(name, link.system, link.component))
             if now_ns >= self._ask_ns:
                 self._ask_ns = now_ns + _ASK_NS
                 for name in self._unheard():
                     request = dialect.MAV_CMD_REQUEST_MESSAGE
-                    link.send(command_long(link.system, link.component, request, MESSAGE_IDS[name]))
-        return link.drain()
+                    link.outbox.command(request, MESSAGE_IDS[name])
+        return link.outbox.drain()
 
     def _unheard(self) -> list[str]:
         """What no stream may bring."""

@@ -8,12 +8,14 @@ from contextlib import suppress
 from typing import Final, NamedTuple
 
 from guidance.config import Config, ConfigError
+from guidance.mavlink.signing import Refusal
 from guidance.preflight.checks import findings
 from guidance.preflight.observation import Observation
 from guidance.preflight.seen import Seen
 from guidance.preflight.surroundings import PortLook, ZenohProbe, look_at_disk, look_at_port
 from guidance.preflight.view import Findings
 from guidance.shell import READ_AT_MOST_NS
+from guidance.signing_files import open_signing
 from guidance.transport import Lost, Transport, open_transport
 from guidance.transport.processes import Processes
 
@@ -21,6 +23,9 @@ from guidance.transport.processes import Processes
 ZENOH_S: Final = 5.0
 #: A zenoh that hangs is left behind: so long after all is known, and at the end of the time at the latest.
 LEAVE_ZENOH_S: Final = 1.0
+
+#: The signing clock has as long to be kept.
+KEEP_S: Final = 0.5
 
 
 class Checked(NamedTuple):
@@ -35,12 +40,15 @@ def check(config: Config, source: str, seconds: float, processes: Processes | No
     """Look at all that `guidance run` with this configuration needs, for at most `seconds`, whatever hangs.
 
     Raises:
-        ConfigError: zenoh does not take its settings.
+        ConfigError: zenoh does not take its settings, or the key of a signed link cannot be used.
     """
     started = time.monotonic()
     end = started + seconds
     zenoh_s = min(seconds / 2.0, ZENOH_S)
-    observation = Observation(config)
+    keeper = open_signing(config)
+    observation = Observation(config, None if keeper is None else keeper.signing)
+    if keeper is not None:
+        keeper.signing.set(keeper.begin(time.time_ns()), time.monotonic_ns())
     port = look_at_port(observation.connection, processes or Processes())
     disk = look_at_disk(config.log) if config.log.enabled else None
     try:
@@ -56,6 +64,8 @@ def check(config: Config, source: str, seconds: float, processes: Processes | No
             probe.done.wait(max(started + zenoh_s - time.monotonic(), 0.0))
             look = probe.look
     finally:
+        if keeper is not None:
+            keeper.close(KEEP_S)
         if probe is not None:
             clean = probe.end(max(min(LEAVE_ZENOH_S, end - time.monotonic()), 0.0))
     seen = Seen(source, observation, port, opened, refused, look, disk)
@@ -114,9 +124,11 @@ def _read(observation: Observation, transport: Transport) -> None:
     """All that waits, but a flood does not hold up the end."""
     link, end_ns = observation.link, time.monotonic_ns() + READ_AT_MOST_NS
     while (came := transport.receive()) is not None:
-        now_ns, before = time.monotonic_ns(), link.received
+        now_ns, before, stale = time.monotonic_ns(), link.received, link.counters[Refusal.REPLAYED]
         observation.receive(came[0], now_ns)
         if link.received != before and (words := transport.heard(came[1], now_ns)):
             observation.problem("two_addresses", words)
+        elif link.refusal is Refusal.REPLAYED and link.counters[Refusal.REPLAYED] != stale:
+            transport.perhaps(came[1], now_ns)
         if now_ns >= end_ns:
             return

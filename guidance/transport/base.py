@@ -41,6 +41,9 @@ class Transport(Protocol):
     def heard(self, address: Address, now_ns: int) -> str:
         """The autopilot spoke from `address`: answer there. Words if that cannot be right."""
 
+    def perhaps(self, address: Address, now_ns: int) -> None:
+        """It may have been the autopilot that spoke from `address`: answer there while no other is known."""
+
     def send(self, packet: bytes) -> None:
         """One packet, whole, now or never; raises as `receive` does."""
 

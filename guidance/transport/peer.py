@@ -29,3 +29,8 @@ class Peer:
             self.address = address
         self._heard_ns = now_ns
         return ""
+
+    def perhaps(self, address: Address, now_ns: int) -> None:
+        """It may have been the autopilot: answer there for as long as nobody is known to be it."""
+        if self.silent(now_ns):
+            self.address = address

@@ -60,6 +60,9 @@ class ByteStream:
         """There is only one at the other end."""
         return ""
 
+    def perhaps(self, address: Address, now_ns: int) -> None:
+        """There is only one at the other end."""
+
     def send(self, packet: bytes) -> None:
         """The whole packet, or nothing of it."""
         self._outgoing.send(packet)

@@ -59,6 +59,9 @@ class UdpOut(Udp):
         """No other can speak."""
         return ""
 
+    def perhaps(self, address: Address, now_ns: int) -> None:
+        """No other can speak."""
+
     def send(self, packet: bytes) -> None:
         """One datagram."""
         self._socket.send(packet)
@@ -71,6 +74,7 @@ class UdpIn(Udp):
         super().__init__(opened, words)
         self._peer = peer
         self.heard = peer.heard
+        self.perhaps = peer.perhaps
 
     def send(self, packet: bytes) -> None:
         """One datagram, if there is somebody to send it to."""

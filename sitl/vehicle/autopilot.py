@@ -59,7 +59,12 @@ class Autopilot(ABC):
 
     def __init__(self, options: VehicleOptions) -> None:
         self.options = options
-        self.link = Link(options.system_id, options.component_id, batch=self.batches_datagrams)
+        self.link = Link(
+            options.system_id,
+            options.component_id,
+            batch=self.batches_datagrams,
+            signing_key=options.signing_key,
+        )
         self.parameters = ParameterSet(
             self.parameter_defaults, options.parameters, bytewise=self.integers_bytewise
         )

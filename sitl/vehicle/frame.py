@@ -6,6 +6,7 @@ in wire order, which saves three quarters of the time of a lockstep flight's tel
 
 from __future__ import annotations
 
+from hashlib import sha256
 from struct import Struct
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ from fastcrc.crc16 import mcrf4xx
 
 _HEADER: Final = Struct("<BBBBBBBHB")
 _MAGIC: Final = 0xFD
+_SIGNED: Final = 0x01
 
 
 class FrameType:
@@ -34,10 +36,25 @@ class FrameType:
         """The packet as `mav` (identity and sequence number) would send it."""
         payload = payload.rstrip(b"\0") or b"\0"
         header = _HEADER.pack(
-            _MAGIC, len(payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent, self._id_low, self._id_high
+            _MAGIC,
+            len(payload),
+            _SIGNED if mav.signing.sign_outgoing else 0,
+            0,
+            mav.seq,
+            mav.srcSystem,
+            mav.srcComponent,
+            self._id_low,
+            self._id_high,
         )
         crc: int = mcrf4xx(header[1:] + payload + self._crc_extra)
-        return header + payload + crc.to_bytes(2, "little")
+        packet = header + payload + crc.to_bytes(2, "little")
+        return _signed(packet, mav.signing) if mav.signing.sign_outgoing else packet
+
+
+def _signed(packet: bytes, signing: Any) -> bytes:
+    packet += bytes([signing.link_id]) + signing.timestamp.to_bytes(6, "little")
+    signing.timestamp += 1
+    return packet + sha256(signing.secret_key + packet).digest()[:6]
 
 
 class Frame:

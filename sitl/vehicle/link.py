@@ -11,17 +11,21 @@ from pymavlink.dialects.v20 import all as mavlink
 MAX_DATAGRAM: Final = 1200
 #: Parsers kept at a time: one a peer, so that half a packet of one never meets half a packet of another.
 MAX_PEERS: Final = 8
+_SIGNING_EPOCH_NS: Final = 1_420_070_400_000_000_000  # 2015-01-01 UTC
 
 
 class Link:
     """Sequence numbers and datagrams out, messages in.
 
     PX4 hands every message to the socket on its own; ArduPilot fills a datagram with what one loop sent
-    (`batch`).
+    (`batch`). With a `signing_key` packets out are signed, and only such are taken in.
     """
 
-    def __init__(self, system_id: int, component_id: int, *, batch: bool) -> None:
+    def __init__(self, system_id: int, component_id: int, *, batch: bool, signing_key: bytes = b"") -> None:
         self._mav = mavlink.MAVLink(None, system_id, component_id)
+        if signing_key:
+            self._mav.signing.secret_key = signing_key
+            self._mav.signing.sign_outgoing = True
         self._batch = batch
         self._open = False
         self._outbox: list[bytes] = []
@@ -33,6 +37,11 @@ class Link:
         self._mav.seq = 0
         self._parsers.clear()
         self._open = False
+
+    def set_time(self, unix_ns: int) -> None:
+        """What the clock shows, for signatures; it never goes back, and may run ahead with the others'."""
+        timestamp = (unix_ns - _SIGNING_EPOCH_NS) // 10_000
+        self._mav.signing.timestamp = max(self._mav.signing.timestamp, timestamp)
 
     def send(self, message: Any) -> None:
         """Pack one pymavlink message and queue it."""
@@ -65,6 +74,7 @@ class Link:
         if parser is None:
             parser = mavlink.MAVLink(None)
             parser.robust_parsing = True
+            parser.signing = self._mav.signing  # one key, one clock, and each stream of packets only once
             if len(self._parsers) >= MAX_PEERS:
                 del self._parsers[next(iter(self._parsers))]
             self._parsers[peer] = parser

@@ -46,7 +46,8 @@ class VehicleOptions:
     `clock_drift_ppm` makes the vehicle's clock fast (positive) or slow against `now_ns`; the plant moves in
     the time of `now_ns`. `clock_offset_ns` is what the boot clock shows when it starts. Until
     `estimator_ready_s` after boot there is no position and arming is refused. `without_messages` names
-    messages that this build of the firmware does not know.
+    messages that this build of the firmware does not know. With a `signing_key` of 32 bytes it signs, and
+    takes nothing that is not signed by it.
 
     Raises:
         ValueError: a number is not finite or out of range, or the initial mode or a parameter is unknown
@@ -72,8 +73,11 @@ class VehicleOptions:
     attitude_noise_rad: float = 0.0
     seed: int = 0
     without_messages: tuple[str, ...] = ()
+    signing_key: bytes = field(default=b"", repr=False)
 
     def __post_init__(self) -> None:
+        if len(self.signing_key) not in (0, 32):
+            raise ValueError(f"signing_key must have 32 bytes, not {len(self.signing_key)}")
         for name in ("system_id", "component_id"):
             if not 1 <= getattr(self, name) <= 255:
                 raise ValueError(f"{name} must be 1 to 255, not {getattr(self, name)}")

@@ -74,6 +74,7 @@ class Vehicle:
         """Take one datagram (or any piece of a byte stream) from `peer` at `now_ns`; garbage is counted."""
         now_ns = max(now_ns, self._state_ns)
         self._run_to(now_ns)
+        self._pilot.link.set_time(self.options.unix_at_zero_ns + self._clock.at(now_ns))
         messages = self._pilot.link.parse(data, peer)
         if not messages:
             return
@@ -178,6 +179,7 @@ class Vehicle:
             boot_ns = self._next_boot_ns
             pilot = self._pilot
             pilot.now_ns = boot_ns
+            pilot.link.set_time(self.options.unix_at_zero_ns + boot_ns)
             if boot_ns >= self._wake_boot_ns:
                 pilot.wake()
                 self._wake_boot_ns = pilot.next_wake_ns()

@@ -286,7 +286,7 @@ class Guide:
     def _setpoint(self, now_ns: int) -> None:
         """Compute and send one setpoint for its own instant, or be silent and say why."""
         due_ns = self._pace.taken(now_ns)
-        instant_ns = now_ns + self._actuation_delay_ns
+        instant_ns = self._acts_ns(now_ns)
         estimate = self._basis(now_ns)
         if isinstance(estimate, str):
             self._silent(estimate, now_ns)
@@ -330,8 +330,12 @@ class Guide:
 
     def _estimate(self, now_ns: int) -> Estimate | str:
         """The state at the instant that a setpoint sent now acts, or why there is none to be used."""
-        estimate = self._estimator.at(now_ns + self._actuation_delay_ns)
-        return young(estimate, self.config.link)
+        estimate = self._estimator.at(self._acts_ns(now_ns), self.tracker.history)
+        return young(estimate, self.config.link, now_ns)
+
+    def _acts_ns(self, now_ns: int) -> int:
+        """The instant at which a setpoint sent now acts."""
+        return now_ns + round(self.link.clock.uplink_s * 1e9) + self._actuation_delay_ns
 
     def _tell_periodic(self, now_ns: int) -> None:
         for name in self._cadence.due(now_ns):

@@ -10,6 +10,7 @@ from guidance.estimate import Estimate
 from guidance.law import UNSTARTED, Evaluation, Memory, guide_step, planar
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import Outgoing, Profile, outgoing
+from guidance.prediction import NOTHING_SENT, History, sent
 from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, add, norm, subtract
 from guidance.trajectory import sample
 from guidance.tuning import ALLOCATIONS, cannot_allocate, parameters
@@ -41,9 +42,15 @@ class Tracker:
         self._limits = config.limits
         self._parameters = parameters(config.law, config.limits, ZERO, planar=profile.planar)
         self._memory: Memory = UNSTARTED
+        self._history = NOTHING_SENT
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
+
+    @property
+    def history(self) -> History:
+        """The setpoints of this flight, none before and after it."""
+        return NOTHING_SENT if self.start_ns is None else self._history
 
     def stop(self) -> None:
         """The flight is over; the next one starts anew."""
@@ -55,6 +62,7 @@ class Tracker:
         self.start_ns = instant_ns
         self.origin_ned_m = origin_ned_m
         self._memory = UNSTARTED
+        self._history = NOTHING_SENT
         self._stepped_ns = instant_ns
         found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
         self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
@@ -110,6 +118,7 @@ class Tracker:
         self._stepped_ns = estimate.instant_ns
         self._memory, evaluation = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
         u = evaluation.controls
+        self._history = sent(self._history, estimate.instant_ns, Vec3(u.u1, u.u2, u.u3))
         return Solution(
             trajectory_s,
             reference,

@@ -111,3 +111,12 @@ def test_a_delay_that_would_make_the_papers_gains_unstable_costs_nothing(delay_s
     assert figures.converged_s < 12.0
     assert figures.max_error_m is not None
     assert figures.max_error_m < 1e-3
+
+
+def test_a_reference_that_turns_is_met_where_the_setpoint_arrives() -> None:
+    """On a helix the setpoints are all alike, and their delay does not show; here it would cost 50 mm."""
+    late = Channel(delay_s=0.05)
+    quick = ("trajectory.name=lemniscate", "trajectory.speed_m_s=3")
+    figures = fly(make_flight(*quick, to_guide=late, to_vehicle=late), 30.0)
+    assert figures.rms_error_m is not None
+    assert figures.rms_error_m < 0.005

@@ -49,7 +49,7 @@ FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
-BENCHES = [".venv/bin/sitl bench latency", ".venv/bin/sitl bench loop"]  # in tests of their own
+BENCHES = [f".venv/bin/sitl bench {what}" for what in ("latency", "loop", "link")]  # in tests of their own
 MAKE_A_KEY = "(umask 077 && openssl rand -hex 32 > signing.key)"
 OTHERS = [
     INSTALL_AND_FLY,

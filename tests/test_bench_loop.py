@@ -57,6 +57,8 @@ def test_states_that_the_log_does_not_hold_are_counted() -> None:
     assert (found["idle"]["unread"], found["idle"]["p999_us"]) == (1, None)
     assert not found["met"]
     assert any("1 of 2 never read" in text for _, text in rows(found))
+    rounds = lateness(100.0) * 3 + lateness(math.inf)
+    assert not report({"idle": rounds, "loaded": lateness(100.0)}, [])["met"]
 
 
 class Counting:

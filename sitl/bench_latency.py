@@ -100,11 +100,15 @@ def service_settings(port: int, zenoh_port: int, rate_hz: int, directory: Path) 
     ]
 
 
-def service_command(port: int, rate_hz: int, directory: Path) -> list[str]:
-    """`guidance run`."""
-    settings = service_settings(port, free_port(socket.SOCK_STREAM), rate_hz, directory)
+def run_command(settings: Sequence[str]) -> list[str]:
+    """`guidance run`, with the demo's configuration but for the settings."""
     command = [sys.executable, "-m", "guidance", "run", "--config", str(CONFIG_FILE)]
     return command + [part for setting in settings for part in ("--set", setting)]
+
+
+def service_command(port: int, rate_hz: int, directory: Path) -> list[str]:
+    """`guidance run`, which nobody listens to."""
+    return run_command(service_settings(port, free_port(socket.SOCK_STREAM), rate_hz, directory))
 
 
 def mavsdk_command(port: int, rate_hz: int, directory: Path) -> list[str]:
@@ -142,7 +146,7 @@ def fly(name: str, command: Sequence[str], port: int, rate_hz: int, seconds: flo
         Child(command, name, lambda *_: None) as child,
         TimingAutopilot(("127.0.0.1", port), answers) as autopilot,
     ):
-        child.listen(None)
+        child.listen(lambda _: None)  # a full pipe would hold it up
         if not autopilot.fly_until_answered(rate_hz, _PATIENCE_S, lambda: not child.ended):
             raise UnavailableError(child.obituary() if child.ended else f"the {name} does not answer")
         return autopilot.fly(rate_hz, round(seconds * rate_hz))

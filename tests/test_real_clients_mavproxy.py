@@ -21,7 +21,7 @@ from guidance.telemetry.log import read_log
 from sitl.vehicle import Firmware
 from tests.helpers import ROVER
 from tests.service_rig import PATIENCE_S, Bell, VehicleEnd, a_socket
-from tests.test_service_process import COMMAND, DO_SET_MODE, SETPOINT, process
+from tests.test_service_process import COMMAND, DO_SET_MODE, SETPOINT, Service, process
 
 MAVPROXY = [
     *(sys.executable, "-u", "-m", "MAVProxy.mavproxy", "--no-state"),
@@ -68,6 +68,7 @@ class GroundStation:
         self._bell = bell
 
     async def read(self) -> None:
+        """Collect what it writes, to the end."""
         assert self.child.stdout is not None
         while some := await self.child.stdout.read(4096):
             self.text += some.decode()
@@ -111,6 +112,25 @@ async def mavproxy(port: int, home: Path, bell: Bell) -> AsyncIterator[GroundSta
         await reading
 
 
+@asynccontextmanager
+async def side_by_side(
+    home: Path, firmware: Firmware, *settings: str
+) -> AsyncIterator[tuple[Service, RoutedVehicle, GroundStation, Bell]]:
+    """The service and MAVProxy as processes, and between them the vehicle on a socket of this loop."""
+    with a_socket() as sock:
+        port = sock.getsockname()[1]
+        async with (
+            process(home, f"udpout://127.0.0.1:{port}", *settings) as (service, bell),
+            mavproxy(port, home, bell) as station,
+        ):
+            vehicle = RoutedVehicle(bell.ring, firmware=firmware)
+            await vehicle.open(sock=sock)
+            try:
+                yield service, vehicle, station, bell
+            finally:
+                vehicle.close()
+
+
 @pytest.mark.parametrize(
     ("firmware", "settings", "flown", "switch", "mode"),
     [
@@ -124,36 +144,27 @@ def test_the_service_hands_over_to_mavproxy_and_stays_silent(
     firmware: Firmware, settings: tuple[str, ...], flown: str, switch: str, mode: str, tmp_path: Path
 ) -> None:
     async def main() -> None:
-        with a_socket() as sock:
-            port = sock.getsockname()[1]
-            async with (
-                process(tmp_path, f"udpout://127.0.0.1:{port}", *settings) as (service, bell),
-                mavproxy(port, tmp_path, bell) as station,
-            ):
-                vehicle = RoutedVehicle(bell.ring, firmware=firmware)
-                await vehicle.open(sock=sock)
-                await service.says("tracking: ")
-                await station.says("parameters")  # it has read them all
-                await station.says(flown)
-                assert vehicle.who_switched() == [1]  # the service alone, once
-                station.type(switch)
-                await bell.until(lambda: HANDED_OVER.search(service.text), f"hand-over in {service.text}")
-                setpoints, beats = vehicle.count(SETPOINT), vehicle.service_heartbeats()
-                await bell.until(lambda: vehicle.service_heartbeats() >= beats + 2, "the service alive")
-                assert vehicle.count(SETPOINT) == setpoints
-                assert vehicle.who_switched() == [1, GROUND_STATION]
-                assert (vehicle.vehicle.mode, vehicle.vehicle.armed) == (mode, True)
-                await station.says(f"Mode {mode.removeprefix('AUTO.')}")
-                await station.leave()
-                await service.ended_after(signal.SIGTERM)
-                assert service.process.returncode == 0
-                assert vehicle.who_switched() == [1, GROUND_STATION]
-                vehicle.close()
+        async with side_by_side(tmp_path, firmware, *settings) as (service, vehicle, station, bell):
+            await service.says("tracking: ")
+            await station.says("parameters")  # it has read them all
+            await station.says(flown)
+            before = vehicle.who_switched()
+            assert set(before) == {1}  # the service
+            station.type(switch)
+            await bell.until(lambda: HANDED_OVER.search(service.text), f"hand-over in {service.text}")
+            beats = vehicle.service_heartbeats()
+            await bell.until(lambda: vehicle.service_heartbeats() >= beats + 2, "the service alive")
+            assert (vehicle.vehicle.mode, vehicle.vehicle.armed) == (mode, True)
+            await station.says(f"Mode {mode.removeprefix('AUTO.')}")
+            await station.leave()
+            await service.ended_after(signal.SIGTERM)
+            assert service.process.returncode == 0
+            assert vehicle.who_switched() == [*before, GROUND_STATION]  # nobody takes it back
         records = list(read_log(service.log()))
         (handed_over,) = (at for at, (topic, text) in enumerate(records) if is_hand_over(topic, text))
         topics = [topic for topic, _ in records]
-        assert "setpoint" in topics[:handed_over]
         assert "setpoint" not in topics[handed_over:]
+        assert vehicle.count(SETPOINT) == topics[:handed_over].count("setpoint") > 0
         found = replay(service.log())
         assert found.identical, found
 

@@ -5,21 +5,51 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from guidance.blending import (
+    NO_OFFSET,
+    NO_TURN,
+    Blending,
+    blended,
+    blending,
+    offset_step,
+    shifted,
+    spare_speed_m_s,
+    turn_step,
+)
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.law import UNSTARTED, Evaluation, Memory, guide_step, planar
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import Outgoing, Profile, outgoing
-from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, add, norm, subtract
+from guidance.se3 import (
+    ZERO,
+    Pose,
+    Reference,
+    Twist,
+    Vec3,
+    add,
+    compose,
+    conjugate,
+    exp,
+    multiply,
+    norm,
+    quaternion_exp,
+    quaternion_log,
+    subtract,
+)
 from guidance.trajectory import sample
-from guidance.tuning import ALLOCATIONS, cannot_allocate, parameters
+from guidance.tuning import ALLOCATIONS, approach_m_s, cannot_allocate, parameters, rates_of
 
 
 class Solution(NamedTuple):
-    """One evaluation: the reference that was tracked, the law's answer, and what the profile makes of it."""
+    """One evaluation: the reference that was tracked, the law's answer, and what the profile makes of it.
+
+    The reference is the trajectory moved by `offset_ned_m`.
+    """
 
     trajectory_s: float
     reference: Reference
+    offset_ned_m: Vec3
     evaluation: Evaluation
     outgoing: Outgoing
 
@@ -44,11 +74,25 @@ class Tracker:
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
+        self._blending = self._find_blending()
+        self._forget_resets()
+
+    def _forget_resets(self) -> None:
+        self._offset = NO_OFFSET
+        self._turn = NO_TURN
+        self._seen: Estimate | None = None
+
+    @property
+    def reference_offset_ned_m(self) -> Vec3:
+        """How far the reference is from the trajectory since resets of the estimator; of a planar vehicle
+        in the plane."""
+        return self._offset.position
 
     def stop(self) -> None:
         """The flight is over; the next one starts anew."""
         self.start_ns = None
         self.origin_ned_m = None
+        self._forget_resets()
 
     def start(self, instant_ns: int, origin_ned_m: Vec3) -> None:
         """t = 0 is at `instant_ns`, and the trajectory's origin here, in the vehicle's local frame."""
@@ -56,8 +100,10 @@ class Tracker:
         self.origin_ned_m = origin_ned_m
         self._memory = UNSTARTED
         self._stepped_ns = instant_ns
+        self._forget_resets()
         found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
         self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
+        self._blending = self._find_blending()
 
     def allocate(self, name: str) -> str | None:
         """Turn with these actuators from now on, in whatever flight; or why that is refused."""
@@ -68,7 +114,21 @@ class Tracker:
             return f"limits.{without[0]} = {without[1]:g} leaves it without that rate"
         self.allocation = name
         self._parameters = self._parameters._replace(allocation=ALLOCATIONS[name])
+        self._blending = self._find_blending()
         return None
+
+    def _find_blending(self) -> Blending:
+        limits = self._limits
+        keys = rates_of(self.allocation, self._profile.planar)
+        accelerations = (getattr(limits, key.replace("rate", "acceleration") + "2") for key in keys)
+        return blending(
+            limits.speed_min_m_s,
+            min(limits.speed_max_m_s, self._speed_at_full_thrust_m_s),
+            min(getattr(limits, key) for key in keys),
+            math.inf if limits.acceleration_max_m_s2 is None else limits.acceleration_max_m_s2,
+            min((a for a in accelerations if a is not None), default=math.inf),
+            approach_m_s(self._law.error_function),
+        )
 
     def find_origin(
         self, position_ned_m: Vec3, ekf: GpsGlobalOrigin | None, home: HomePosition | None
@@ -94,6 +154,22 @@ class Tracker:
         error = subtract(position_ned_m, add(origin_ned_m, sample(self._trajectory, 0.0).position))
         return math.hypot(error.x, error.y) if self._profile.planar else norm(error)
 
+    def estimator_reset(self, estimate: Estimate | None) -> None:
+        """`estimate` is the first after a reset: what no motion since the one before explains is blended.
+
+        All that were found in one read are one jump, however many and of whatever kind.
+        """
+        if self._seen is None or estimate is None:
+            return  # nothing was made of the frame before
+        before, self._seen = self._seen, estimate
+        since_s = (estimate.instant_ns - before.instant_ns) * 1e-9
+        led = compose(before.pose, exp(before.twist, since_s))
+        jump = subtract(estimate.pose.position, led.position)
+        self._offset = shifted(self._offset, jump._replace(z=0.0) if self._profile.planar else jump)
+        kept = multiply(quaternion_exp(self._turn.angle_rad), led.attitude)
+        turn = quaternion_log(multiply(kept, conjugate(estimate.pose.attitude)))
+        self._turn = self._turn._replace(angle_rad=turn)
+
     def solve(self, estimate: Estimate) -> Solution:
         """The law at the estimate's instant; `start` must have been called."""
         assert self.start_ns is not None
@@ -103,16 +179,25 @@ class Tracker:
         reference = relative._replace(position=add(self.origin_ned_m, relative.position))
         pose: Pose = estimate.pose
         twist = estimate.twist
+        dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
+        self._stepped_ns = estimate.instant_ns
+        self._seen = estimate
+        if self._turn is not NO_TURN:
+            self._turn = turn_step(self._turn, dt_s)
+            pose = Pose(pose.position, multiply(quaternion_exp(self._turn.angle_rad), pose.attitude))
         if self._profile.planar:
             pose, reference = planar(pose, reference)
             twist = Twist(Vec3(0.0, 0.0, twist.angular.z), twist.linear)
-        dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
-        self._stepped_ns = estimate.instant_ns
+        if self._offset is not NO_OFFSET:
+            spare_m_s = spare_speed_m_s(self._blending, reference)
+            self._offset = offset_step(self._blending, self._offset, spare_m_s, dt_s)
+            reference = blended(reference, self._offset)
         self._memory, evaluation = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
         u = evaluation.controls
         return Solution(
             trajectory_s,
             reference,
+            self._offset.position,
             evaluation,
             outgoing(self._profile, u.u1, u.u2, u.u3, u.u4, self._speed_at_full_thrust_m_s),
         )

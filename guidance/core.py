@@ -220,7 +220,7 @@ class Guide:
         if self._estimator.news:  # here, where all that waited has been read
             self._records += self._news.events(self._estimator.news, now_ns)
             if any(isinstance(one, Reset) for one in self._estimator.news):
-                self.tracker.estimator_reset(self._estimator.at(now_ns + self._actuation_delay_ns))
+                self.tracker.estimator_reset(self._estimate(now_ns))
             self._estimator.news.clear()
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS

@@ -74,19 +74,19 @@ class Tracker:
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
-        self._blending = self._find_blending()
         self._forget_resets()
 
     def _forget_resets(self) -> None:
         self._offset = NO_OFFSET
         self._turn = NO_TURN
-        self._seen: Estimate | None = None
+        self._seen: Estimate | None = None  # what the last setpoint was made of
+        self._unblended = False
 
     @property
     def reference_offset_ned_m(self) -> Vec3:
-        """How far the reference is from the trajectory since resets of the estimator; of a planar vehicle
-        in the plane."""
-        return self._offset.position
+        """How far the tracked reference is from the trajectory since resets of the autopilot's estimator; of
+        a planar vehicle in the plane."""
+        return ZERO if self.start_ns is None else self._offset.position
 
     def stop(self) -> None:
         """The flight is over; the next one starts anew."""
@@ -103,7 +103,6 @@ class Tracker:
         self._forget_resets()
         found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
         self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
-        self._blending = self._find_blending()
 
     def allocate(self, name: str) -> str | None:
         """Turn with these actuators from now on, in whatever flight; or why that is refused."""
@@ -114,10 +113,10 @@ class Tracker:
             return f"limits.{without[0]} = {without[1]:g} leaves it without that rate"
         self.allocation = name
         self._parameters = self._parameters._replace(allocation=ALLOCATIONS[name])
-        self._blending = self._find_blending()
         return None
 
-    def _find_blending(self) -> Blending:
+    def _blending(self) -> Blending:
+        """By the limits, the law and the allocation as they now are: any may change in flight."""
         limits = self._limits
         keys = rates_of(self.allocation, self._profile.planar)
         accelerations = (getattr(limits, key.replace("rate", "acceleration") + "2") for key in keys)
@@ -154,13 +153,17 @@ class Tracker:
         error = subtract(position_ned_m, add(origin_ned_m, sample(self._trajectory, 0.0).position))
         return math.hypot(error.x, error.y) if self._profile.planar else norm(error)
 
-    def estimator_reset(self, estimate: Estimate | None) -> None:
-        """`estimate` is the first after a reset: what no motion since the one before explains is blended.
+    def estimator_reset(self, estimate: Estimate | str) -> None:
+        """The estimator was reset, and `estimate` is the first state after; without one the next is.
 
-        All that were found in one read are one jump, however many and of whatever kind.
+        To be called before the setpoint that is made of it: what no motion since the setpoint before explains
+        is blended. All that was found in one read is one jump, however many there were and of whatever kind.
         """
-        if self._seen is None or estimate is None:
+        if self.start_ns is None or self._seen is None:
             return  # nothing was made of the frame before
+        self._unblended = isinstance(estimate, str)
+        if isinstance(estimate, str):
+            return
         before, self._seen = self._seen, estimate
         since_s = (estimate.instant_ns - before.instant_ns) * 1e-9
         led = compose(before.pose, exp(before.twist, since_s))
@@ -181,6 +184,8 @@ class Tracker:
         twist = estimate.twist
         dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
         self._stepped_ns = estimate.instant_ns
+        if self._unblended:
+            self.estimator_reset(estimate)
         self._seen = estimate
         if self._turn is not NO_TURN:
             self._turn = turn_step(self._turn, dt_s)
@@ -189,8 +194,8 @@ class Tracker:
             pose, reference = planar(pose, reference)
             twist = Twist(Vec3(0.0, 0.0, twist.angular.z), twist.linear)
         if self._offset is not NO_OFFSET:
-            spare_m_s = spare_speed_m_s(self._blending, reference)
-            self._offset = offset_step(self._blending, self._offset, spare_m_s, dt_s)
+            limits = self._blending()
+            self._offset = offset_step(limits, self._offset, spare_speed_m_s(limits, reference), dt_s)
             reference = blended(reference, self._offset)
         self._memory, evaluation = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
         u = evaluation.controls

@@ -74,7 +74,7 @@ def blending(
     At a speed of at least V beside d', d'' turns the reference by 2/(e tau) rad/s and d''' changes that by
     4/tau^2.
     """
-    time_s = max(2.0 / turn_rate_rad_s, 2.0 / sqrt(turn_acceleration_rad_s2), LEAST_TIME_S)
+    time_s = max(1.0 / turn_rate_rad_s, 2.0 / sqrt(turn_acceleration_rad_s2), LEAST_TIME_S)
     return Blending(
         max(speed_min_m_s, 0.0), speed_max_m_s, turn_rate_rad_s, acceleration_m_s2, approach_m_s, time_s
     )

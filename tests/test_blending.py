@@ -206,7 +206,7 @@ def test_what_is_left_is_used() -> None:
 
 def test_slow_turns_and_slow_changes_of_them_take_time() -> None:
     assert blending(0.0, 9.0, 100.0).time_s == LEAST_TIME_S
-    assert blending(0.0, 9.0, 1.0).time_s == 2.0
+    assert blending(0.0, 9.0, 0.5).time_s == 2.0
     assert blending(0.0, 9.0, 100.0, turn_acceleration_rad_s2=1.0).time_s == 2.0
 
 

@@ -14,7 +14,7 @@ from guidance.estimate import Estimate
 from guidance.records import Event, Reference, Setpoint, TrackingError
 from guidance.records import State as StateRecord
 from guidance.replay import replay
-from guidance.se3 import ZERO, Vec3
+from guidance.se3 import ZERO, Pose, Vec3, add, from_yaw, multiply, norm
 from guidance.supervisor import State
 from guidance.trajectory import sample
 from sitl.lockstep import Channel, Lockstep
@@ -323,3 +323,21 @@ def test_a_flight_with_resets_replays_identically_and_its_log_has_the_offset(tmp
     found = replay(write(tmp_path, flight.records))
     assert found.identical
     assert math.hypot(*records_of(flight, Reference)[-60].offset_ned_m) > 4.5
+
+
+def test_a_jump_that_is_found_twice_before_a_setpoint_is_blended_once() -> None:
+    """As where a position and then an attitude tell of one reset, each in a message of its own."""
+    flight = settled(*HELIX)
+    estimate = flight.guide._estimate(flight.now_ns)
+    assert isinstance(estimate, Estimate)
+    tracker = flight.guide.tracker
+    before_m = records_of(flight, TrackingError)[-1].norm_m
+    moved = add(estimate.pose.position, Vec3(*SIDEWAYS))
+    jumped = estimate._replace(pose=Pose(moved, multiply(from_yaw(0.4), estimate.pose.attitude)))
+    tracker.estimator_reset(jumped)
+    tracker.estimator_reset(jumped)
+    assert math.dist(tracker.reference_offset_ned_m, SIDEWAYS) < 1e-3
+    solution = tracker.solve(jumped)
+    assert norm(solution.evaluation.e) == pytest.approx(before_m, abs=1e-3)
+    sent, last = solution.outgoing.body_rates_frd_rad_s, records_of(flight, Setpoint)[-1]
+    assert math.dist(sent, last.body_rates_frd_rad_s) < 0.01

@@ -47,7 +47,7 @@ NO_OFFSET: Final = Reference(ZERO, ZERO, ZERO)
 
 
 class Blending(NamedTuple):
-    """What the vehicle can do beside following the reference, and tau in s. All at least 0; inf is no limit.
+    """What the vehicle can do, and tau in s; inf is no limit.
 
     `turn_rate_rad_s` > 0 is the slowest of the rates that turn b1, `approach_m_s` what the error function
     allows at most.
@@ -75,9 +75,7 @@ def blending(
     4/tau^2.
     """
     time_s = max(1.0 / turn_rate_rad_s, 2.0 / sqrt(turn_acceleration_rad_s2), LEAST_TIME_S)
-    return Blending(
-        max(speed_min_m_s, 0.0), speed_max_m_s, turn_rate_rad_s, acceleration_m_s2, approach_m_s, time_s
-    )
+    return Blending(speed_min_m_s, speed_max_m_s, turn_rate_rad_s, acceleration_m_s2, approach_m_s, time_s)
 
 
 def spare_speed_m_s(blending: Blending, reference: Reference) -> float:

@@ -92,7 +92,6 @@ class Tracker:
         """The flight is over; the next one starts anew."""
         self.start_ns = None
         self.origin_ned_m = None
-        self._forget_resets()
 
     def start(self, instant_ns: int, origin_ned_m: Vec3) -> None:
         """t = 0 is at `instant_ns`, and the trajectory's origin here, in the vehicle's local frame."""

@@ -284,6 +284,8 @@ def test_the_next_flight_knows_nothing_of_it() -> None:
     flight.vehicle.reset_estimator(flight.now_ns)
     flight.run(1.0)
     assert flight.guide.tracker.reference_offset_ned_m == ZERO, "nothing was flown in the frame before"
+    flight.guide.tracker.start(flight.now_ns, ZERO)
+    assert flight.guide.tracker.reference_offset_ned_m == ZERO
 
 
 def test_before_the_first_setpoint_of_a_flight_nothing_is_blended() -> None:

@@ -138,6 +138,13 @@ def test_after_a_gap_the_offset_has_waited() -> None:
     assert offset_step(lasting(0.4), offset, 1.0, 100.0) == offset_step(lasting(0.4), offset, 1.0, 0.4)
 
 
+def test_an_offset_that_passes_through_zero_goes_on() -> None:
+    """As when a jump is taken back: it moves still, and is not dropped for being nowhere."""
+    moving = after(lasting(0.4), shifted(NO_OFFSET, Vec3(5.0, 0.0, 0.0)), 1.0, 2.0)[-1]
+    at_zero = moving._replace(position=ZERO)
+    assert offset_step(lasting(0.4), at_zero, 1.0, 0.02).velocity.x < -0.5
+
+
 def test_no_offset_changes_no_bit() -> None:
     reference = Reference(Vec3(0.1, 0.2, 0.3), Vec3(1.0, 2.0, 3.0), Vec3(4.0, 5.0, 6.0))
     assert offset_step(lasting(0.4), NO_OFFSET, 1.0, 0.02) is NO_OFFSET
@@ -188,6 +195,16 @@ def test_a_feasible_reference_stays_feasible_with_the_largest_offset(
     assert slowest - rounding <= norm(v) <= fastest + rounding
     assert norm(cross(v, a)) / dot(v, v) <= turn_rate + rounding
     assert abs(dot(v, a)) / norm(v) <= gain + rounding
+
+
+def test_an_offset_towards_the_inside_of_a_curve_gains_no_more_speed_than_is_allowed() -> None:
+    """There r'' is no longer across the path."""
+    limits = blending(0.0, 9.0, 5.0, 0.5)
+    r = Reference(ZERO, Vec3(2.0, 0.0, 0.0), Vec3(0.0, 8.0, 0.0))
+    V = spare_speed_m_s(limits, r)
+    peak = Vec3(PEAK * V / limits.time_s, 0.0, 0.0)
+    _, v, a = blended(r, Reference(ZERO, Vec3(0.0, V, 0.0), peak))
+    assert 0.2 < dot(v, a) / norm(v) <= 0.5
 
 
 def test_what_is_left_is_used() -> None:

@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.commanding import command_of
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
-from guidance.estimate import Estimator, Reset
+from guidance.estimate import Estimator
 from guidance.guarding import Guards
 from guidance.intake import streams_at, take_state
 from guidance.leaving import LEAVING
@@ -227,10 +227,9 @@ class Guide:
         self.link.tick(now_ns)
         if self._estimator.news:  # here, where all that waited has been read
             self._records += self._news.events(self._estimator.news, now_ns)
-            if any(isinstance(one, Reset) for one in self._estimator.news):
+            if self.guards.happened(self._estimator.news):
                 self.tracker.estimator_reset(self.steering.estimate(now_ns))
-            self.guards.happened(self._estimator.news)
-            self._watch_ns = now_ns
+                self._watch_ns = now_ns
             self._estimator.news.clear()
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS

@@ -48,6 +48,8 @@ FORWARD = (
     "limits.pitch_rate_max_rad_s=1",
     "limits.yaw_rate_max_rad_s=1",
 )
+#: No jump is too large for the guard.
+UNGUARDED = ("guards.jump_max_m=1000", "guards.jump_max_deg=180")
 Triple = tuple[float, float, float]
 STILL: Triple = (0.0, 0.0, 0.0)
 SIDEWAYS: Triple = (3.0, -4.0, 0.0)
@@ -166,8 +168,7 @@ def test_a_glitch_that_passes_costs_nothing_at_the_end(
 
 @pytest.mark.parametrize("without", [(), ("ODOMETRY",)], ids=["counted", "seen"])
 def test_50_m_are_shown_at_once_and_followed_no_faster(without: tuple[str, ...]) -> None:
-    """Whether so large a jump is flown on with is a guard's business, which reads the offset."""
-    flight = settled(*HELIX, without_messages=without)
+    flight = settled(*HELIX, *UNGUARDED, without_messages=without)
     reset_ns = flight.now_ns
     flight.vehicle.reset_estimator(reset_ns, (30.0, -40.0, 0.0))
     flight.run(0.05)
@@ -203,7 +204,7 @@ def test_a_turned_heading_is_steered_by_within_a_second_and_the_rates_do_not_jum
 
 
 def test_even_a_heading_that_turns_about_is_let_in_step_by_step() -> None:
-    flight = settled(*HELIX)
+    flight = settled(*HELIX, *UNGUARDED)
     reset_ns = flight.now_ns
     flight.vehicle.reset_estimator(reset_ns, STILL, 3.1)
     flight.run(2.0)

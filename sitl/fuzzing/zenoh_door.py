@@ -1,0 +1,176 @@
+"""Zenoh's door: what strangers publish on our keys, read by all that listens to vehicles."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from contextlib import closing
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+from rich.console import Console
+
+from guidance.fleet import Fleet
+from guidance.records import LOG_ONLY, SCHEMA_VERSION, TOPICS, Record, Session
+from guidance.telemetry.arrivals import VEHICLE, Heard, Ignored, Presence, read
+from guidance.telemetry.foxglove_view import View
+from guidance.telemetry.queue import Sample
+from guidance.telemetry.schema import encoding_schema
+from guidance.watch_view import Connection, ignored_line, line, screen
+from sitl.fuzzing.corpus import flight_records
+from sitl.fuzzing.dice import Dice
+from sitl.fuzzing.oracle import Broken
+from sitl.fuzzing.sizes import longest
+
+#: No container behind this door may be longer, whatever was published.
+CONTAINER_MAX: Final = 3100
+_NAMES: Final = ("demo", "uuv-1", "a" * 64)
+_PUBLISHED: Final = tuple(topic for topic in TOPICS.values() if topic not in LOG_ONLY)
+_LAST_NS: Final = (1 << 63) - 1
+
+
+@cache
+def published() -> dict[str, list[bytes]]:
+    """Payloads of each topic, of a flight."""
+    encode = msgspec.json.Encoder().encode
+    found: dict[str, list[bytes]] = {topic: [] for topic in _PUBLISHED}
+    for record in flight_records():
+        topic = TOPICS[type(record)]
+        if topic in found and len(found[topic]) < 40:
+            found[topic].append(encode(record))
+    return found
+
+
+class ZenohDoor:
+    """One sample or token after the other into the fleet, its views and Foxglove's; `newest` shows it."""
+
+    inputs = 600
+    scene = "strangers on our keys"
+
+    def __init__(self, dice: Dice) -> None:
+        self.newest = ""
+        self._dice = dice
+        self._now_ns = dice.choice((0, 1, 10**12, 2**62))
+        self._fleet = Fleet()
+        self._views: dict[str, View] = {}
+        self._digest = hashlib.sha256()
+        self._encode = msgspec.json.Encoder().encode
+        self._inputs = 0
+
+    def feed(self) -> None:
+        """One input."""
+        dice, fleet = self._dice, self._fleet
+        self._now_ns += dice.choice((0, 1000, 10**7, 10**8, 10**9, 10**10))
+        name = self._name()
+        self._inputs += 1
+        if dice.chance(0.05):
+            here = dice.chance(0.5)
+            self.newest = f"the token of {name!r}, {'here' if here else 'gone'}"
+            if VEHICLE.fullmatch(name):  # the subscriber takes no others
+                fleet.take([Presence(self._now_ns, name, here)])
+        else:
+            topic = dice.choice(_PUBLISHED) if dice.chance(0.95) else dice.text().replace("/", "") or "x"
+            payload, encoding = self._payload(topic), self._encoding(topic)
+            self.newest = f"under guidance/{name}/{topic} as {encoding!r}: {payload!r}"
+            came = read(self._now_ns, f"guidance/{name}/{topic}", encoding, payload, dice.chance(0.2))
+            fleet.take([came])
+            self._digest.update(repr(came).encode("utf-8", "backslashreplace"))
+            if isinstance(came, Heard):
+                self._view(came.vehicle, came.record)
+            elif not isinstance(came, Ignored):
+                raise Broken(f"a payload is {came!r}")
+        if dice.chance(0.1):
+            self._look()
+
+    def finish(self) -> bytes:
+        """The screen once more, and memory."""
+        self.newest = "the end: the screen, then what is kept"
+        self._look()
+        found = max(longest(self._fleet, "fleet"), longest(self._views, "views"))
+        if found.length > CONTAINER_MAX and not found.path.endswith(("text", "detail", "reason")):
+            raise Broken(f"{found.path} has grown to {found.length}")
+        return self._digest.digest()
+
+    def _name(self) -> str:
+        dice = self._dice
+        kind = dice.random()
+        if kind < 0.7:
+            return dice.choice(_NAMES)
+        if kind < 0.9:
+            return f"v{dice.randrange(1000)}"
+        return dice.text().replace("/", "") or "x"
+
+    def _encoding(self, topic: str) -> str:
+        dice = self._dice
+        known = topic if topic in _PUBLISHED else dice.choice(_PUBLISHED)
+        right = f"application/json;{encoding_schema(known)}"
+        kind = dice.random()
+        if kind < 0.8:
+            return right
+        if kind < 0.9:
+            return right.rpartition("/")[0] + f"/{dice.choice((0, 2, 7, 999999, 1000000, SCHEMA_VERSION))}"
+        return dice.mutated(right.encode()).decode("utf-8", "replace") if kind < 0.95 else dice.text()
+
+    def _payload(self, topic: str) -> bytes:
+        dice = self._dice
+        real = dice.choice(published().get(topic) or [b"{}"])
+        kind = dice.random()
+        if kind < 0.25:
+            return real
+        if kind < 0.35:
+            return dice.mutated(real)
+        if kind < 0.4:
+            return dice.json()
+        if kind < 0.42:
+            return real + b" " * (1 << 18)
+        value: Any = msgspec.json.decode(real)
+        for _ in range(dice.choice((1, 1, 2, 6))):
+            value = dice.changed(value)
+        made: bytes = self._encode(value)
+        if kind > 0.9 and b":" in made:  # JSON that no encoder would write
+            fields = made.split(b":")
+            fields[dice.randrange(1, len(fields))] = dice.json() + dice.choice((b"", b"}", b',"x"'))
+            made = b":".join(fields)
+        return made
+
+    def _view(self, vehicle: str, record: Record) -> None:
+        if isinstance(record, Session) and (vehicle in self._views or len(self._views) < 5):
+            self._views[vehicle] = View(record.unix_offset_ns, vehicle)
+        view = self._views.get(vehicle)
+        if view is not None:
+            for made in view.of(Sample(TOPICS[type(record)], record.t_ns, self._encode(record))):
+                self._digest.update(made.payload)
+
+    def _look(self) -> None:
+        fleet, dice = self._fleet, self._dice
+        seen = fleet.look(self._now_ns)
+        told = [line(vehicle) for vehicle in seen]
+        told.append(ignored_line(fleet.ignored))
+        for text in told:
+            if any(ord(mark) < 32 or 127 <= ord(mark) < 160 for mark in text):
+                raise Broken(f"a line that steers a terminal: {text!r}")
+            self._digest.update(text.encode())
+        for vehicle in seen:
+            self._encode(vehicle)
+        if not dice.chance(0.1):
+            return
+        width, height = dice.choice(((80, 24), (160, 40), (40, 8)))
+        drawn = io.StringIO()
+        with closing(drawn):
+            console = Console(file=drawn, width=width, height=height, force_terminal=False, highlight=False)
+            connection = Connection("", 1, ("tcp/127.0.0.1:7447",))
+            offset_ns = 1_700_000_000_000_000_000
+            console.print(
+                screen(
+                    seen,
+                    fleet.notes,
+                    fleet.ignored,
+                    connection,
+                    width=width,
+                    height=height,
+                    unix_offset_ns=offset_ns,
+                )
+            )
+            if len(drawn.getvalue().splitlines()) > height:
+                raise Broken("the screen is higher than the terminal")

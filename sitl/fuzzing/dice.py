@@ -120,5 +120,16 @@ class Dice(random.Random):
     def scalar(self) -> Any:
         """Something that JSON can say."""
         number = self.real()
-        choices = (None, True, "", self.text(), self.whole(-(2**63), 2**63 - 1), 2**63, [], {}, 0, -1)
+        choices: tuple[Any, ...] = (
+            None,
+            True,
+            "",
+            self.text(),
+            self.whole(-(2**63), 2**63 - 1),
+            2**63,
+            [],
+            {},
+            0,
+            -1,
+        )
         return number if math.isfinite(number) and self.chance(0.5) else self.choice(choices)

@@ -26,11 +26,11 @@ IDS: Final = tuple(sorted(dialect.mavlink_map))
 
 
 class Field(NamedTuple):
-    """One field of a message in the order of the wire; `count` numbers or, for code `s`, bytes."""
+    """One field of a message in the order of the wire; `length` numbers or, for code `s`, bytes."""
 
     name: str
     code: str
-    count: int
+    length: int
 
 
 class Signer(NamedTuple):

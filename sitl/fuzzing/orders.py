@@ -1,4 +1,4 @@
-"""The operator's orders: the one place that knows their form. What enters the core as a command is drawn here."""
+"""The operator's orders, drawn and given: the one place here that knows their form."""
 
 from __future__ import annotations
 

@@ -58,9 +58,9 @@ class Way(NamedTuple):
 
 
 DOORS: Final[dict[str, Way]] = {
-    "bytes": Way(BytesDoor, BytesDoor.inputs, 400_000),
+    "bytes": Way(BytesDoor, BytesDoor.inputs, 410_000),
     "messages": Way(MessagesDoor, MessagesDoor.inputs, 400_000),
-    "config": Way(ConfigDoor, ConfigDoor.inputs, 20_000),
+    "config": Way(ConfigDoor, ConfigDoor.inputs, 10_000),
     "zenoh": Way(ZenohDoor, ZenohDoor.inputs, 165_000),
     "logs": Way(LogsDoor, LogsDoor.inputs, 15_000),
 }

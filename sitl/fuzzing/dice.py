@@ -67,7 +67,7 @@ class Dice(random.Random):
 
     def json(self) -> bytes:
         """A JSON value, or nearly one."""
-        return self.choice(_JSON).encode()
+        return b"[" * 5000 if self.chance(0.2) else self.choice(_JSON).encode()
 
     def mutated(self, data: bytes, times: int = 0) -> bytes:
         """The same with bits flipped, bytes replaced, and pieces cut out, put in, repeated or moved."""

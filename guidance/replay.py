@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -115,7 +116,8 @@ def replay(path: Path) -> Replay:
                 break
             expected = pending.pop(0)
             if signed and topic == TOPICS[Packet]:
-                payload = encode(_without_hash(decode_packet(payload)))
+                with suppress(*NOT_A_RECORD):  # then it differs as it is
+                    payload = encode(_without_hash(decode_packet(payload)))
             if expected != (topic, payload):
                 difference = _difference((topic, payload), expected, time_s)
                 break

@@ -264,3 +264,12 @@ def test_an_input_that_no_service_had_is_refused(log: Path, tmp_path: Path) -> N
 
     with pytest.raises(ReplayError, match=r"no service had input \d+ like this"):
         replay(rewritten(log, tmp_path, spoilt_last("input", foreign, log)))
+
+
+def test_a_packet_of_a_signed_link_that_is_no_record_any_more_is_a_difference(tmp_path: Path) -> None:
+    flight = make_flight("link.signing_key_file=signing.key", signing_key=bytes(range(32)))
+    flight.run(1.0)
+    whole = write(tmp_path / "whole", flight.records, "link.signing_key_file=signing.key")
+    found = replay(rewritten(whole, tmp_path / "spoilt", spoilt_last("packet", lambda _: b"7", whole)))
+    assert found.difference is not None
+    assert found.difference.topic == "packet"

@@ -19,7 +19,7 @@ from sitl.vehicle import Firmware, Vehicle, VehicleOptions
 DEMO: Final = Path(guidance.__file__).with_name("demo.toml")
 KEY: Final = bytes(range(32))
 _WALL_NS: Final = 1_700_000_000_000_000_000
-_SIGNED: Final = "link.signing_key_file=key"
+SIGNED: Final = "link.signing_key_file=key"
 _ROVER: Final = ("vehicle.profile=ardupilot-rover", "flight.origin=engage", "limits.yaw_rate_max_rad_s=2.0")
 _LINES: Final = ("udpin://127.0.0.1:14540", "serial:///dev/ttyS0?baud=921600", "tcp://127.0.0.1:5760")
 #: Below what the vehicle does by itself, so that it is these limits which hold.
@@ -86,7 +86,7 @@ class FuzzedFlight:
         self.signed = dice.chance(0.25)
         settings = [*stage.settings, f"link.connection={dice.choice(_LINES)}"]
         settings += _ROVER if rover else ("supervisor.arm=true",)
-        settings += (_SIGNED,) * self.signed
+        settings += (SIGNED,) * self.signed
         if not rover and dice.chance(0.4):
             settings += [*_NARROW, f"trajectory={{name={dice.choice(_TRAJECTORIES)!r}, speed_m_s=1.0}}"]
         config = configuration(*settings)

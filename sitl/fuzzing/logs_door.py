@@ -43,12 +43,11 @@ _TRACKING_S: Final = 0.1
 
 
 @cache
-def samples() -> tuple[Sample, ...]:
+def samples(signed: bool) -> tuple[Sample, ...]:
     """A short flight as the recorder is offered it."""
     encode = msgspec.json.Encoder().encode
-    return tuple(
-        Sample(TOPICS[type(record)], record.t_ns, encode(record)) for record in flight_records(_TRACKING_S)
-    )
+    records = flight_records(_TRACKING_S, signed=signed)
+    return tuple(Sample(TOPICS[type(record)], record.t_ns, encode(record)) for record in records)
 
 
 def written(path: Path, content: Iterable[Sample], metadata: dict[str, str] | None = None) -> bytes:
@@ -69,7 +68,7 @@ def written(path: Path, content: Iterable[Sample], metadata: dict[str, str] | No
 def whole_log() -> bytes:
     """The log of `samples`."""
     with tempfile.TemporaryDirectory() as directory:
-        return written(Path(directory, "whole.mcap"), samples())
+        return written(Path(directory, "whole.mcap"), samples(signed=False))
 
 
 class LogsDoor:
@@ -136,7 +135,8 @@ class LogsDoor:
     def _impossible(self, path: Path) -> bytes:
         """A log without a fault, but for what is in it."""
         dice = self._dice
-        content = list(samples())
+        whole = samples(dice.chance(0.3))
+        content = list(whole)
         made = []
         for _ in range(dice.choice((1, 1, 2, 5))):
             if len(content) < 2:
@@ -154,7 +154,7 @@ class LogsDoor:
             elif kind == 3:
                 content[at] = content[at]._replace(topic=dice.choice([*TOPICS.values(), dice.text()]))
             else:
-                original = samples()[at]
+                original = whole[at]
                 foreign = original.topic == TOPICS[Input] and dice.chance(0.3)
                 payload = self._input(original.payload) if foreign else self._changed(original.payload)
                 content[at] = original._replace(payload=payload)

@@ -18,8 +18,13 @@ class Longest(NamedTuple):
     path: str
 
 
-def longest(thing: object, name: str = "", modules: tuple[str, ...] = ("guidance",)) -> Longest:
-    """The longest container in `thing`, going through objects of these packages only."""
+def longest(
+    thing: object, name: str = "", modules: tuple[str, ...] = ("guidance",), *, inside_records: bool = True
+) -> Longest:
+    """The longest container in `thing`, going through objects of these packages only.
+
+    What one record holds, texts included, its own size bounds; without `inside_records` that is left out.
+    """
     found = Longest(0, name)
     seen: set[int] = set()
     waiting: list[tuple[str, Any]] = [(name, thing)]
@@ -28,6 +33,8 @@ def longest(thing: object, name: str = "", modules: tuple[str, ...] = ("guidance
         if id(value) in seen:
             continue
         seen.add(id(value))
+        if not inside_records and isinstance(value, msgspec.Struct | str):
+            continue
         if isinstance(value, _CONTAINERS) and isinstance(value, Sized):
             found = max(found, Longest(len(value), path))
         waiting += _within(path, value, modules)

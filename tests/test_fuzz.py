@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import all as dialect
 from typer.testing import CliRunner
 
 import guidance.core
+import guidance.fleet
 from guidance.mavlink.codec import FrameReader
 from guidance.mavlink.profiles import set_attitude_target
 from guidance.mavlink.sequence import SequenceWatch
@@ -108,6 +109,14 @@ def without_nesting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arrivals, "NOT_A_RECORD", (msgspec.MsgspecError, UnicodeDecodeError))
 
 
+def with_any_number_of_vehicles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guidance.fleet, "VEHICLES_MAX", 10**9)
+
+
+def with_any_number_of_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guidance.fleet, "_MAX_KINDS", 10**9)
+
+
 @pytest.mark.parametrize(
     ("door", "bug", "said"),
     [
@@ -116,6 +125,8 @@ def without_nesting(monkeypatch: pytest.MonkeyPatch) -> None:
         ("messages", with_setpoints_in_every_state, "a setpoint was sent in handed-over"),
         ("messages", with_limits_forgotten, "a setpoint is outside"),
         ("zenoh", without_nesting, "RecursionError"),
+        ("zenoh", with_any_number_of_vehicles, "vehicles are kept"),
+        ("zenoh", with_any_number_of_kinds, "kinds of what was ignored"),
     ],
 )
 def test_a_planted_bug_is_found(

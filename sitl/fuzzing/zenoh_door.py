@@ -13,7 +13,7 @@ from rich.console import Console
 
 from guidance.fleet import Fleet
 from guidance.records import LOG_ONLY, SCHEMA_VERSION, TOPICS, Record, Session
-from guidance.telemetry.arrivals import VEHICLE, Heard, Ignored, Presence, read
+from guidance.telemetry.arrivals import VEHICLE, VEHICLES_MAX, Heard, Ignored, Presence, read
 from guidance.telemetry.foxglove_view import View
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.schema import encoding_schema
@@ -25,6 +25,8 @@ from sitl.fuzzing.sizes import longest
 
 #: No container behind this door may be longer, whatever was published: 500 setpoints of a vehicle are kept.
 CONTAINER_MAX: Final = 550
+#: What was ignored is counted by vehicle and kind; strangers can think of more than anybody reads.
+KINDS_MAX: Final = 60
 _NAMES: Final = ("demo", "uuv-1", "a" * 64)
 _PUBLISHED: Final = tuple(topic for topic in TOPICS.values() if topic not in LOG_ONLY)
 _LAST_NS: Final = (1 << 63) - 1
@@ -89,12 +91,14 @@ class ZenohDoor:
         found = longest(kept, inside_records=False)
         if found.length > CONTAINER_MAX:
             raise Broken(f"{found.path} has grown to {found.length}")
+        if len(self._fleet.ignored) > KINDS_MAX:
+            raise Broken(f"{len(self._fleet.ignored)} kinds of what was ignored are kept")
         return self._digest.digest()
 
     def _name(self) -> str:
         dice = self._dice
         kind = dice.random()
-        if kind < 0.7:
+        if kind < 0.5:
             return dice.choice(_NAMES)
         if kind < 0.9:
             return f"v{dice.randrange(10_000)}"
@@ -146,6 +150,8 @@ class ZenohDoor:
     def _look(self) -> None:
         fleet, dice = self._fleet, self._dice
         seen = fleet.look(self._now_ns)
+        if len(seen) > VEHICLES_MAX:
+            raise Broken(f"{len(seen)} vehicles are kept")
         told = [line(vehicle) for vehicle in seen]
         told.append(ignored_line(fleet.ignored))
         for text in told:

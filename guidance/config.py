@@ -19,6 +19,7 @@ from guidance.checking import ConfigError as ConfigError  # raised here, so foun
 from guidance.checking import Places, Problem, named, one_of, override, problems, shown
 from guidance.connection import parse_connection as parse_connection
 from guidance.feasibility import infeasible
+from guidance.guard_limits import GuardsConfig, guard_conflicts
 from guidance.mavlink.profiles import PROFILES, Profile
 from guidance.trajectory import Trajectory
 from guidance.tuning import LEAST_RATE_RAD_S, NonNegative, Positive, Speed, cannot_allocate, conflicts
@@ -62,6 +63,7 @@ class SupervisorConfig(_Section, frozen=True, kw_only=True):
     engage_max_error_m: Positive
     step_timeout_s: Annotated[float, Meta(ge=1.0, le=60.0)] = 5.0
     exit_mode: str = "hold"
+    hold_mode: str = "hold"
 
 
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
@@ -125,6 +127,7 @@ class Config(_Section, frozen=True, kw_only=True):
     limits: LimitsConfig
     flight: Flight
     trajectory: Trajectory
+    guards: GuardsConfig = GuardsConfig()
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
 
@@ -209,18 +212,23 @@ def _conflicts(config: Config) -> Iterator[Problem]:
         yield Problem("vehicle.profile", f" = {shown(name)}: must be {one_of(sorted(PROFILES), name)}")
         return  # what the others may be is not known
     yield from _profile_conflicts(config, profile)
+    yield from guard_conflicts(config.guards, profile, config.trajectory, config.flight.origin)
     full_m_s = config.vehicle.speed_at_full_thrust_m_s
     yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar)
 
 
 def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
     exits = [mode.name for mode in profile.modes if mode != profile.control_mode]
-    name = config.supervisor.exit_mode
-    if name not in exits:
-        yield Problem(
-            "supervisor.exit_mode",
-            f" = {shown(name)}: not a mode that {profile.name} can be left in; must be {one_of(exits, name)}",
-        )
+    for key, name in (
+        ("exit_mode", config.supervisor.exit_mode),
+        ("hold_mode", config.supervisor.hold_mode),
+    ):
+        if name not in exits:
+            yield Problem(
+                f"supervisor.{key}",
+                f" = {shown(name)}: not a mode that {profile.name} can be left in; must be "
+                f"{one_of(exits, name)}",
+            )
     allocation = config.law.allocation
     if profile.planar and allocation != "pitch-yaw":
         yield Problem(

@@ -152,8 +152,10 @@ def allowed(hint: Any) -> str:
         return " or ".join(allowed(part) for part in arguments if part is not type(None))
     if origin is tuple:
         if arguments[-1] is Ellipsis:
-            of = get_args(arguments[0])[1:] if get_origin(arguments[0]) is Annotated else ()
-            return "a list of texts" + "".join(_described(meta) for meta in of if isinstance(meta, Meta))
+            of, *rest = get_args(arguments[0]) if get_origin(arguments[0]) is Annotated else arguments[:1]
+            metas = [meta for meta in rest if isinstance(meta, Meta)]
+            which = {int: "whole numbers", str: "texts"}[of]
+            return f"a list of {which}" + "".join(_range(meta) + _described(meta) for meta in metas)
         return f"a list of {len(arguments)} numbers"
     return {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}[hint]
 

@@ -59,6 +59,15 @@ class Tracker:
         found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
         self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
 
+    def reconfigure(self, config: Config) -> None:
+        """Gains, limits and trajectory are these from the next setpoint on; they are checked already."""
+        self._trajectory = config.trajectory
+        self._law = config.law
+        self._limits = config.limits
+        origin = ZERO if self.origin_ned_m is None else self.origin_ned_m
+        found = parameters(config.law, config.limits, origin, planar=self._profile.planar)
+        self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
+
     def allocate(self, name: str) -> str | None:
         """Turn with these actuators from now on, in whatever flight; or why that is refused."""
         if name != "pitch-yaw" and self._profile.planar:

@@ -57,6 +57,7 @@ class Orders:
         self._engagement = engagement
         self._tracker = tracker
         self._profile = profile_of(config)
+        self._ending = False
         self._answers: dict[tuple[str, str], Answer] = {}
 
     def obey(self, text: str, now_ns: int) -> tuple[Event | None, Answer]:
@@ -93,10 +94,11 @@ class Orders:
     def _outcome(self, order: Order, now_ns: int) -> _Outcome:
         match order:
             case Shutdown():
+                self._ending = True
                 self._engagement.shutdown()
                 return _Outcome(True, "shutdown", "shutting down", "")
             case Engage():
-                if self._engagement.state in _ENGAGED:
+                if self._engagement.state in _ENGAGED and not self._ending:
                     already = f"already {self._engagement.state}"
                     return _Outcome(True, "engage", f"engage commanded: {already}", already)
                 return _manoeuvre("engage", self._engagement.engage(now_ns))

@@ -285,6 +285,6 @@ def test_the_engage_command_is_refused_with_the_reason() -> None:
     flight.run(1.0)
     assert events_of(flight, "engage_refused") == [
         "engage refused: disconnected: no heartbeat of the autopilot yet",
-        "engage ignored: already tracking",
         "engage refused: the service is shutting down",
     ]
+    assert events_of(flight, "engage") == ["engage commanded: already tracking"]

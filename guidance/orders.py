@@ -7,6 +7,7 @@ and does nothing. What is refused leaves everything as it was.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from msgspec.structs import asdict, replace
@@ -32,6 +33,8 @@ from guidance.config import Config, profile_of
 from guidance.engagement import Engagement
 from guidance.mavlink.messages import NamedValueFloat
 from guidance.records import Answer, Event, Level
+from guidance.requests import DONE, ENGAGING
+from guidance.requests import Order as Request
 from guidance.supervisor import State
 from guidance.tracker import Tracker
 from guidance.tuning import ALLOCATIONS, cannot_allocate
@@ -98,22 +101,26 @@ class Orders:
                 self._engagement.shutdown()
                 return _Outcome(True, "shutdown", "shutting down", "")
             case Engage():
-                if self._engagement.state in _ENGAGED and not self._ending:
-                    already = f"already {self._engagement.state}"
-                    return _Outcome(True, "engage", f"engage commanded: {already}", already)
-                return _manoeuvre("engage", self._engagement.engage(now_ns))
+                return self._manoeuvre(Request.ENGAGE, self._engagement.engage, now_ns)
             case Hold():
-                return _manoeuvre("hold", self._engagement.hold(now_ns))
+                return self._manoeuvre(Request.HOLD, self._engagement.hold, now_ns)
             case Resume():
-                return _manoeuvre("resume", self._engagement.resume(now_ns))
+                return self._manoeuvre(Request.RESUME, self._engagement.resume, now_ns)
             case Abort():
-                return _manoeuvre("abort", self._engagement.abort(now_ns))
+                return self._manoeuvre(Request.ABORT, self._engagement.abort, now_ns)
             case Allocate(allocation=name):
                 return _allocation(name, self._tracker)
             case LoadTrajectory(trajectory=trajectory):
                 return self._load(trajectory)
             case Set(key=key, value=value):
                 return self._set(key, value)
+
+    def _manoeuvre(self, what: Request, ask: Callable[[int], str | None], now_ns: int) -> _Outcome:
+        already = f"already {self._engagement.state}" if self._engagement.state in _ALREADY[what] else ""
+        refused = ask(now_ns)
+        if refused is not None and not (already and not self._ending):
+            return _Outcome(False, f"{what}_refused", refused, refused)
+        return _Outcome(True, what, f"{what} commanded{': ' if already else ''}{already}", already)
 
     def _load(self, trajectory: dict[str, Scalar]) -> _Outcome:
         state = self._engagement.state
@@ -169,8 +176,8 @@ def reported(value: NamedValueFloat, tracker: Tracker, counters: Counter[str], n
     return _event(now_ns, level, outcome.code, outcome.text)
 
 
-#: Where to engage is nothing new.
-_ENGAGED: Final = (State.STREAMING, State.SWITCHING, State.ARMING, State.TRACKING)
+#: Where an order is nothing new.
+_ALREADY: Final = DONE | {Request.ENGAGE: ENGAGING | {State.TRACKING}}
 #: Where nobody follows a trajectory, nor has begun to: the reference never jumps under a vehicle.
 _LOADABLE: Final = (
     State.DISCONNECTED,
@@ -180,12 +187,6 @@ _LOADABLE: Final = (
     State.HANDED_OVER,
     State.ABORTED,
 )
-
-
-def _manoeuvre(verb: str, refused: str | None) -> _Outcome:
-    if refused is not None:
-        return _Outcome(False, f"{verb}_refused", refused, refused)
-    return _Outcome(True, verb, f"{verb} commanded", "")
 
 
 def _refused(verb: str, why: str) -> _Outcome:

@@ -67,7 +67,7 @@ def test_a_trajectory_is_taken_with_its_defaults_and_refused_with_its_key() -> N
     changed = with_trajectory(PLAIN, {"name": "circle", "radius_m": 5})
     assert changed.trajectory == Circle(radius_m=5.0)
     assert replace(changed, trajectory=PLAIN.trajectory) == PLAIN
-    for trajectory, why in (
+    refusals: list[tuple[dict[str, Scalar], str]] = [
         ({}, "trajectory.name is missing"),
         ({"name": "circe"}, "(did you mean circle?)"),
         ({"name": "circle", "radius_m": 0}, "trajectory.radius_m = 0: must be a number from 0.01"),
@@ -75,7 +75,8 @@ def test_a_trajectory_is_taken_with_its_defaults_and_refused_with_its_key() -> N
         ({"name": "circle", "speed_m_s": 6}, "it moves at 6 m/s, and the vehicle at most at 5"),
         ({"name": "circle", "radius_m": 0.1}, "turns at 10 rad/s, and the vehicle at most at 7.07"),
         ({"name": "circle", "radius_m": None}, "trajectory.radius_m = None: must be a number"),
-    ):
+    ]
+    for trajectory, why in refusals:
         with pytest.raises(ConfigError) as refused:
             with_trajectory(PLAIN, trajectory)
         assert why in str(refused.value)

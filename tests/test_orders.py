@@ -39,6 +39,13 @@ from tests.helpers import (
 )
 
 CIRCLE = LoadTrajectory(trajectory={"name": "circle", "radius_m": 4})
+ENGAGING = {State.STREAMING, State.SWITCHING, State.ARMING}
+ALREADY = {
+    Engage: ENGAGING | {State.TRACKING},
+    Hold: {State.PAUSING, State.HOLDING},
+    Resume: ENGAGING | {State.TRACKING},
+    Abort: {State.CANCELLING, State.ABORTING, State.ABORTED},
+}
 OUT_OF_CONTROL = {
     State.DISCONNECTED,
     State.CONNECTED,
@@ -109,12 +116,12 @@ def test_a_manoeuvre_is_answered_as_the_supervisor_takes_it(state: State, given:
     same = bench(PX4).it
     same.state = state
     refused = getattr(same, verb_of(given))(1)
-    engaged = state in (State.STREAMING, State.SWITCHING, State.ARMING, State.TRACKING)
-    if isinstance(given, Engage) and engaged:
+    if state in ALREADY[type(given)]:
         assert answer.accepted
         assert answer.reason == f"already {state}"
     else:
         assert answer.accepted is (refused is None)
+        assert answer.reason == (refused or "")
     assert it.state() is state  # what follows, follows from the next look
     assert order(orders, Shutdown()).accepted
     late = order(orders, given)

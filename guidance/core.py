@@ -81,7 +81,6 @@ class Guide:
             self._streams_at(config.link.rate_hz),
             byte_stream=self.connection.byte_stream,
             signing=signing,
-            commands_from=config.link.commands_from,
         )
         self.engagement = Engagement(config.supervisor, self.profile)
         self.tracker = Tracker(config, self.profile)
@@ -146,12 +145,10 @@ class Guide:
                 for received in came:
                     self._take(received, now_ns)
                 for told in self.ground.take(now_ns):
-                    self._watch_ns = now_ns
                     self._answer(*told)
             case InputKind.TICK:
                 self._tick(now_ns)
             case InputKind.COMMAND:
-                self._watch_ns = now_ns
                 self._answer(*self.orders.obey(event.text, now_ns))
             case InputKind.SIGNING_CLOCK:
                 if self.link.signing is not None:
@@ -344,6 +341,7 @@ class Guide:
     def _answer(self, event: Event | None, answer: Answer) -> None:
         """An order was carried out or refused; what was set holds from here on."""
         self.config = self.orders.config
+        self._watch_ns = answer.t_ns
         self._tell(event)
         self._records.append(answer)
 

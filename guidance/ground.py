@@ -47,6 +47,7 @@ class Ground:
     """Answers by `link.outbox`; what was ordered is carried out by `orders`."""
 
     def __init__(self, link: AutopilotLink, orders: Orders, engagement: Engagement) -> None:
+        link.company.commands_from = frozenset(orders.config.link.commands_from)
         self._link = link
         self._orders = orders
         self._engagement = engagement

@@ -7,7 +7,7 @@ is kept in `asked` for `guidance.ground`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
@@ -37,11 +37,11 @@ class Company:
     systems of `commands_from` addressed to it, not looked at yet; those of others are only counted.
     """
 
-    def __init__(self, system: int, component: int, commands_from: Iterable[int] = ()) -> None:
+    def __init__(self, system: int, component: int) -> None:
         self.frames = 0
+        self.commands_from: frozenset[int] = frozenset()
         self.asked: list[Frame] = []
         self.counters: Counter[str] = Counter()
-        self._commands_from = frozenset(commands_from)
         self._own = (system, component)
         self._roles: dict[tuple[int, int], str] = {}
         self._orders: dict[tuple[int, int], str] = {}
@@ -68,7 +68,7 @@ class Company:
             return order is not None
         self.frames += 1
         if asks(frame, *self._own):
-            if frame.system in self._commands_from:
+            if frame.system in self.commands_from:
                 self.asked.append(frame)
             else:
                 self.counters["asks_not_heeded"] += 1

@@ -80,7 +80,6 @@ class AutopilotLink:
         *,
         byte_stream: bool = False,
         signing: Signing | None = None,
-        commands_from: Iterable[int] = (),
     ) -> None:
         self.system = system
         self.component = component
@@ -93,7 +92,7 @@ class AutopilotLink:
         self.counters: Counter[str] = Counter()
         self.bytes_received = 0
         self.received = 0
-        self.company = Company(system, COMPONENT_ID, commands_from)
+        self.company = Company(system, COMPONENT_ID)
         self.twins = Twins()
         self.bytes_at_heartbeat = (0, 0)  # all of them, and those that were garbage
         self.reboots = 0

@@ -136,7 +136,7 @@ class Ground:
             dialect.MAV_RESULT_ACCEPTED if accepted else dialect.MAV_RESULT_TEMPORARILY_REJECTED,
         )
         if not accepted:
-            self._refuse(told[1].reason)
+            self._refuse(f"{told[1].order} refused: {told[1].reason}")
         return told
 
     def _set(self, frame: Frame, name: str, value: float | None, now_ns: int) -> Told | None:

@@ -119,7 +119,7 @@ class Orders:
         already = f"already {self._engagement.state}" if self._engagement.state in _ALREADY[what] else ""
         refused = ask(now_ns)
         if refused is not None and not (already and not self._ending):
-            return _Outcome(False, f"{what}_refused", refused, refused)
+            return _Outcome(False, f"{what}_refused", refused, refused.removeprefix(f"{what} refused: "))
         return _Outcome(True, what, f"{what} commanded{': ' if already else ''}{already}", already)
 
     def _load(self, trajectory: dict[str, Scalar]) -> _Outcome:

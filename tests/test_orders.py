@@ -121,7 +121,7 @@ def test_a_manoeuvre_is_answered_as_the_supervisor_takes_it(state: State, given:
         assert answer.reason == f"already {state}"
     else:
         assert answer.accepted is (refused is None)
-        assert answer.reason == (refused or "")
+        assert answer.reason == (refused or "").removeprefix(f"{verb_of(given)} refused: ")
     assert it.state() is state  # what follows, follows from the next look
     assert order(orders, Shutdown()).accepted
     late = order(orders, given)

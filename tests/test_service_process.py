@@ -124,16 +124,16 @@ def test_a_flight_is_commanded_from_another_process(tmp_path: Path) -> None:
 
         enabled = (f'zenoh.listen=["{endpoint}"]', "zenoh.commands=true", "supervisor.engage=pilot")
         async with flight(tmp_path, *enabled) as (service, vehicle):
-            await service.says("state_ready")
+            await service.says("ready: ")
             assert await command("resume") == (
                 1,
-                "resume refused: resume refused: ready: nothing is held\n",
+                "resume refused: ready: nothing is held\n",
             )
             assert await command("engage") == (0, "engage accepted\n")
-            await service.says("state_tracking")
+            await service.says("tracking: ")
             assert await command("set", "law.k=0.5") == (0, "set accepted: law.k: 1.0 -> 0.5\n")
             assert await command("hold") == (0, "hold accepted\n")
-            await service.says("state_holding")
+            await service.says("holding: ")
             assert vehicle.vehicle.mode == "AUTO.LOITER"
             assert await command("shutdown") == (0, "shutdown accepted\n")
             assert await asyncio.wait_for(service.process.wait(), PATIENCE_S) == 0

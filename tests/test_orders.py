@@ -240,3 +240,33 @@ def test_status_is_told_at_once_after_an_order() -> None:
 
 def test_an_order_is_a_text_that_a_log_can_hold() -> None:
     assert text_of(Set(key="law.k", value=0.5)) == '{"order":"set","key":"law.k","value":0.5}'
+
+
+README = Path(__file__).parent.parent / "README.md"
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("engage", Engage()),
+        ("hold", Hold()),
+        ("resume", Resume()),
+        ("abort", Abort()),
+        ("load a trajectory", CIRCLE),
+        ("set a gain or limit", Set(key="law.k", value=0.5)),
+        ("allocate", Allocate(allocation="roll-yaw")),
+        ("shut down", Shutdown()),
+    ],
+)
+def test_the_readme_says_in_which_states_each_is_accepted(name: str, given: Order) -> None:
+    """And whether it is so already there."""
+    (line,) = [line for line in README.read_text().splitlines() if line.startswith(f"| {name} | `")]
+    fresh: set[str] = set()
+    already: set[str] = set()
+    for state in State:
+        answer = order(desk(state)[0], given)
+        if answer.accepted:
+            (already if answer.reason.startswith("already") else fresh).add(state)
+    said, _, said_already = line.rpartition(" | ")[2].removesuffix(" |").partition("; already so: ")
+    assert said == "every state" if len(fresh) == len(State) else set(said.split(", ")) == fresh
+    assert set(filter(None, said_already.split(", "))) == already

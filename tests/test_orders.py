@@ -242,6 +242,26 @@ def test_an_order_is_a_text_that_a_log_can_hold() -> None:
     assert text_of(Set(key="law.k", value=0.5)) == '{"order":"set","key":"law.k","value":0.5}'
 
 
+def test_the_guards_go_by_what_is_set_and_loaded() -> None:
+    """A limit that is raised is no limit of the old height, and a loaded trajectory is held to the fence."""
+    flight = make_flight("limits.speed_max_m_s=1")
+    fly_until_tracking(flight)
+    flight.run(2.0)
+    set_ns = flight.now_ns
+    flight.guide.command(Set(key="limits.speed_max_m_s", value=5), set_ns)
+    flight.run(3.0)
+    assert state_of(flight) is State.TRACKING, flight.guide.engagement.reason
+    assert max(s.speed_m_s for s in records_of(flight, Setpoint, set_ns)) > 2.0
+
+    fence = "guards.fence_ned_m=[[-50, -50], [-50, 50], [50, 50], [50, -50]]"
+    flight = make_flight("supervisor.engage=pilot", "flight.origin=engage", fence)
+    fly_until(flight, State.READY)
+    far = {"name": "circle", "radius_m": 60}
+    flight.guide.command(LoadTrajectory(trajectory=far), flight.now_ns)
+    fly_until(flight, State.CONNECTED)
+    assert flight.guide.engagement.reason.startswith("fence")
+
+
 README = Path(__file__).parent.parent / "README.md"
 
 

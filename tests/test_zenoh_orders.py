@@ -92,7 +92,9 @@ def test_the_command_line_orders_and_says_what_became_of_it(
     endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Against a service that takes no orders: an answer too, status 1. Where nobody is: status 2."""
+    handed: list[Order] = []
     sink = ZenohSink("uuv-1", listen=[endpoint])
+    sink.orders_to(lambda order, until_ns: handed.append(order))
     sink.start()
     try:
         where = ["--connect", endpoint, "--seconds", "20"]
@@ -101,6 +103,7 @@ def test_the_command_line_orders_and_says_what_became_of_it(
         reply = json.loads(outcome.stdout)
         assert reply["accepted"] is False
         assert reply["reason"].startswith("orders by zenoh are off (zenoh.commands = false")
+        assert handed == []
         nobody = CliRunner().invoke(
             app, ["command", "uuv-2", "hold", "--connect", endpoint, "--seconds", "0.1"]
         )

@@ -14,6 +14,7 @@ from guidance.commands import (
     LoadTrajectory,
     Order,
     Resume,
+    Scalar,
     Set,
     Shutdown,
     text_of,
@@ -256,7 +257,7 @@ def test_the_guards_go_by_what_is_set_and_loaded() -> None:
     fence = "guards.fence_ned_m=[[-50, -50], [-50, 50], [50, 50], [50, -50]]"
     flight = make_flight("supervisor.engage=pilot", "flight.origin=engage", fence)
     fly_until(flight, State.READY)
-    far = {"name": "circle", "radius_m": 60}
+    far: dict[str, Scalar] = {"name": "circle", "radius_m": 70}
     flight.guide.command(LoadTrajectory(trajectory=far), flight.now_ns)
     fly_until(flight, State.CONNECTED)
     assert flight.guide.engagement.reason.startswith("fence")

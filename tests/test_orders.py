@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import pytest
 
+from guidance.changing import settings
 from guidance.commands import (
     Abort,
     Allocate,
@@ -22,7 +24,7 @@ from guidance.commands import (
 )
 from guidance.core import Guide
 from guidance.orders import ANSWERS_KEPT, Orders
-from guidance.records import Answer, Event, Input, InputKind, Level, Setpoint, Status
+from guidance.records import Answer, Event, Input, InputKind, Level, Record, Setpoint, Status
 from guidance.replay import replay
 from guidance.supervisor import State
 from guidance.tracker import Tracker
@@ -261,6 +263,35 @@ def test_the_guards_go_by_what_is_set_and_loaded() -> None:
     flight.guide.command(LoadTrajectory(trajectory=far), flight.now_ns)
     fly_until(flight, State.CONNECTED)
     assert flight.guide.engagement.reason.startswith("fence")
+
+
+def test_no_setpoint_is_ever_outside_the_limits_of_its_instant() -> None:
+    """Whatever is set in flight, in whatever order; refused values change nothing."""
+    dice = random.Random(7)
+    flight = make_flight("limits.acceleration_max_m_s2=2", "limits.yaw_acceleration_max_rad_s2=20")
+    outside: list[object] = []
+
+    def judge(record: Record) -> None:
+        flight.records.append(record)
+        if isinstance(record, Setpoint):
+            limits = flight.guide.config.limits
+            rates = (limits.roll_rate_max_rad_s, limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
+            turns = zip(record.body_rates_frd_rad_s, rates, strict=True)
+            slow = limits.speed_min_m_s <= record.speed_m_s <= limits.speed_max_m_s
+            if not slow or any(abs(rate) > most for rate, most in turns):
+                outside.append((record, limits))
+
+    flight.on_record = judge
+    fly_until_tracking(flight)
+    keys = [key for key in settings(flight.guide.config) if key != "limits.keep_direction"]
+    for _ in range(150):
+        value = dice.choice([dice.uniform(-6.0, 6.0), dice.uniform(0.2, 6.0), dice.uniform(0.0, 0.3)])
+        flight.guide.command(Set(key=dice.choice(keys), value=value), flight.now_ns)
+        flight.run(0.1)
+    taken = [answer.accepted for answer in records_of(flight, Answer)]
+    assert 40 < sum(taken) < 140
+    assert len(records_of(flight, Setpoint)) > 500
+    assert outside == []
 
 
 README = Path(__file__).parent.parent / "README.md"

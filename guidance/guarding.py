@@ -87,7 +87,7 @@ class Guards:
             if now_ns - self._looked_ns < _PLAN_NS:
                 self._jump = None
                 return
-            self._looked_ns = now_ns
+            self._looked_ns = now_ns if isinstance(state, Estimate) else -_PLAN_NS
         look = self._seen(state, now_ns)
         self._jump = None
         if not in_control:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 from msgspec.structs import replace
@@ -17,7 +17,7 @@ from guidance.checking import ConfigError, Problem, problems
 from guidance.commands import Scalar
 from guidance.config import Config, checked
 
-_GAINS = ("k", "rho2_per_s", "rho3_per_s", "beta")
+_GAINS: Final = ("k", "rho2_per_s", "rho3_per_s", "beta")
 
 
 def settings(config: Config) -> dict[str, Scalar]:

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from guidance.component import CUSTOM_MODES
 from guidance.ground import REPEAT_NS
 from guidance.mavlink.codec import PacketWriter, Payload
+from guidance.mavlink.outbox import Outbox
 from guidance.mavlink.signing import KEY_BYTES
 from guidance.records import Answer, Link, Record
 from guidance.replay import replay
@@ -164,6 +165,20 @@ def test_a_late_transmission_does_not_undo_what_was_ordered_since() -> None:
     flight.run(REPEAT_NS * 1e-9)
     ground.say(late)
     assert [a.result for a in ground.acks()] == [OK]
+
+
+@pytest.mark.parametrize("length", [1, 50, 51, 99, 100, 199, 200, 500])
+def test_a_long_reason_comes_in_parts_that_belong_together(length: int) -> None:
+    outbox = Outbox(1, 1)
+    said = "".join(chr(ord("a") + i % 26) for i in range(length))
+    for _ in range(2):  # each with an id of its own
+        outbox.long_text(mavlink.MAV_SEVERITY_WARNING, said)
+    reader = mavlink.MAVLink(None)
+    parts = [m for data in outbox.drain() for m in reader.parse_buffer(data) or []]
+    assert texts_of(parts) == [said[:200]] * 2
+    ended = [m for m in parts if len(m.text) < 50]  # how a receiver knows that no other follows
+    assert len(ended) == (0 if length == 50 else 2)
+    assert [m.chunk_seq for m in parts] == [*range(len(parts) // 2)] * 2
 
 
 # Who may ---------------------------------------------------------------------------------------------

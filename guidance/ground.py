@@ -37,7 +37,6 @@ REPEAT_NS: Final = 10_000_000_000
 COPY_NS: Final = 2_000_000_000
 #: Between two PARAM_VALUEs: 20 a second are 760 bytes/s.
 PARAMETER_NS: Final = 50_000_000
-_NEVER: Final = 1 << 62
 _TRANSMISSIONS_KEPT: Final = 256
 
 Told = tuple[Event | None, Answer]
@@ -71,12 +70,8 @@ class Ground:
         self._asked_once = True
         return [told for frame in frames if (told := self._take(frame, now_ns)) is not None]
 
-    def deadline(self) -> int:
-        """When `tick` has something to send, ns."""
-        return self._due_ns if self._due else _NEVER
-
     def tick(self, now_ns: int) -> None:
-        """Queue one parameter, if one is due."""
+        """Queue one parameter, if one is due; the core comes round often enough without being told."""
         if self._config is not self._orders.config:
             self._changed()
         if not self._due or now_ns < self._due_ns:

@@ -43,8 +43,10 @@ app.command()(campaign)
 def vehicle(
     firmware: Annotated[Firmware, typer.Option(help="Whose manners the vehicle has.")] = Firmware.PX4_UUV,
     to: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Where to send; without it, to whoever wrote last."),
+        list[str] | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Where to send, repeatable; without it, to whoever wrote last."
+        ),
     ] = None,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
@@ -96,12 +98,12 @@ def vehicle(
     try:
         if not 1e-3 <= truth_period < math.inf:
             raise ValueError(f"--truth-period must be at least 0.001 s, not {truth_period}")
-        if (to is not None) + tcp + (pty is not None) > 1:
+        if bool(to) + tcp + (pty is not None) > 1:
             raise ValueError("--to, --tcp and --pty exclude each other")
         shell_options = ShellOptions(
             host=host,
             port=port,
-            to=None if to is None else _address(to),
+            to=tuple(map(_address, to or [])),
             tcp=tcp,
             pty=pty,
             truth=truth,
@@ -252,6 +254,23 @@ def bench_loop(
 
     report = loop.measure(rounds)
     _print_bench(report, loop.rows(report), report["notes"], as_json=as_json)
+    raise typer.Exit(0 if report["met"] else 1)
+
+
+@benchmarks.command("link")
+def bench_link(
+    flights: Annotated[int, typer.Option(min=1, help="Flights of each kind, with seeds of their own.")] = 10,
+    seconds: Annotated[float, typer.Option(min=20.0, help="How long each one tracks.")] = 60.0,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
+) -> None:
+    """Measure tracking over links that lose and delay, and which loss and gap end a flight: on virtual time.
+
+    Takes a minute or two. Exit status 0 only if every goal is met; the figures depend on no machine.
+    """
+    from sitl import bench_link as link
+
+    report = link.measure(flights, seconds)
+    _print_bench(report, link.rows(report), (), as_json=as_json)
     raise typer.Exit(0 if report["met"] else 1)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import msgspec
@@ -18,6 +20,8 @@ from guidance.cli import app
 from guidance.commands import Engage, Order
 from guidance.ordering import NoAnswerError, ask, fields_of
 from guidance.records import Answer
+from guidance.shell import Shell
+from guidance.telemetry import zenoh_orders
 from guidance.telemetry.zenoh_orders import ANSWER_NS, OBEY_NS, WAITING_MAX, OrderQueries, Reply
 from guidance.telemetry.zenoh_sink import ZenohSink, zenoh_config
 from tests.service_rig import PATIENCE_S, running
@@ -86,6 +90,27 @@ def test_orders_by_a_real_session_are_answered_by_the_control_loop(endpoint: str
             sink.close(PATIENCE_S)
 
     asyncio.run(serve())
+
+
+@pytest.mark.parametrize(
+    ("ends", "why"), [(False, "the control loop did not answer within 0.1 s"), (True, "the service ends")]
+)
+def test_a_loop_that_does_not_answer_leaves_nobody_waiting(
+    endpoint: str, ends: bool, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not ends:
+        monkeypatch.setattr(zenoh_orders, "ANSWER_NS", 100_000_000)
+    handed = threading.Event()
+    sink = ZenohSink("demo", listen=[endpoint], commands=True)
+    sink.orders_to(lambda order, until_ns: handed.set())
+    sink.start()
+    with ThreadPoolExecutor() as pool:
+        reply = pool.submit(ask, "demo", "hold", {}, connect=[endpoint], seconds=PATIENCE_S)
+        assert handed.wait(PATIENCE_S)
+        if ends:
+            assert sink.close(PATIENCE_S)
+        assert reply.result(PATIENCE_S).reason.startswith(why)
+    assert sink.close(PATIENCE_S)
 
 
 def test_the_command_line_orders_and_says_what_became_of_it(
@@ -291,5 +316,9 @@ def test_an_order_that_the_loop_gets_too_late_is_not_obeyed() -> None:
             await rig.bell.until(lambda: rig.memory.events("note"), "a note")
             assert rig.memory.events("note") == ["engage of zenoh ada came too late and is not obeyed"]
             assert not any(isinstance(r, Answer) for r in rig.memory.records)
+        shells.append(rig.shell)
+
+    shells: list[Shell] = []
 
     asyncio.run(late())
+    shells[0].hand_over(Engage(), 1 << 62)  # the loop is gone, and nobody is harmed

@@ -20,7 +20,8 @@ from sitl.vehicle.telemetry import ID, Builder
 
 STATUSTEXT_LENGTH: Final = 50
 
-_COMMANDS: Final = {
+#: Command -> the method that carries it out.
+COMMANDS: Final[Mapping[int, str]] = {
     176: "_do_set_mode",
     179: "_do_set_home",
     246: "_reboot_shutdown",
@@ -56,6 +57,7 @@ class Autopilot(ABC):
     integers_bytewise: ClassVar[bool]
     batches_datagrams: ClassVar[bool]
     handlers: ClassVar[Mapping[str, str]] = HANDLERS
+    commands: ClassVar[Mapping[int, str]] = COMMANDS
 
     def __init__(self, options: VehicleOptions) -> None:
         self.options = options
@@ -219,7 +221,7 @@ class Autopilot(ABC):
 
     def obey(self, command: Command) -> None:
         """Carry out a command and acknowledge it; what it makes the firmware say comes after the ACK."""
-        name = _COMMANDS.get(command.id)
+        name = self.commands.get(command.id)
         held: list[Any] = []
         self._held = held
         result = UNSUPPORTED if name is None else getattr(self, name)(command)

@@ -16,10 +16,11 @@ FIELD_NED_GAUSS: Final = (0.2158, 0.0126, 0.4284)
 
 
 class Astray(NamedTuple):
-    """How far the estimator is off the truth: its position is moved, its heading turned to the right."""
+    """How far the estimator is off the truth: its position and velocity, its heading turned to the right."""
 
     moved_ned_m: Triple = (0.0, 0.0, 0.0)
     turned_rad: float = 0.0
+    faster_ned_m_s: Triple = (0.0, 0.0, 0.0)
 
 
 #: An estimator that is right.
@@ -68,7 +69,12 @@ class Sample:
         self.body_rates_frd_rad_s = rates
         self.speed_m_s = speed
         self.rows = rows = rotation(attitude)
-        self.velocity_ned_m_s = (speed * rows[0][0], speed * rows[1][0], speed * rows[2][0])
+        north, east, down = astray.faster_ned_m_s
+        self.velocity_ned_m_s = (
+            speed * rows[0][0] + north,
+            speed * rows[1][0] + east,
+            speed * rows[2][0] + down,
+        )
         self.euler_rad = euler_from_attitude(attitude)
 
     def to_body(self, x: float, y: float, z: float) -> Triple:

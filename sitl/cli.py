@@ -16,6 +16,7 @@ import typer
 
 from sitl import paper as section_4
 from sitl.campaign.command import campaign
+from sitl.fuzzing.command import fuzz
 from sitl.plant import PlantParameters
 from sitl.shell import ShellOptions, run
 from sitl.vehicle import Firmware, Origin, VehicleOptions
@@ -37,6 +38,7 @@ def sitl() -> None:
 benchmarks = typer.Typer(help="Measure, beside the goals.", add_completion=False)
 app.add_typer(benchmarks, name="bench")
 app.command()(campaign)
+app.command()(fuzz)
 
 
 @app.command()

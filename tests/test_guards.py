@@ -52,7 +52,9 @@ def assert_ended(flight: Lockstep, name: str, seconds: float, mode: str | None =
     flight.run(10.0)
     assert setpoints_since(flight, aborted_ns) == []
     assert state_of(flight) in (State.ABORTED, State.CONNECTED, State.READY)  # that only if it was put down
-    assert any(b"guidance: abort" in packet.data for packet in records_of(flight, Packet, began_ns))
+    packets = [packet.data for packet in records_of(flight, Packet, began_ns)]
+    texts = [data for data in packets if b"guidance: abort" in data]
+    assert name.encode() in texts[0]
     return told[0].text
 
 

@@ -52,6 +52,7 @@ ORDERS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance command")]
 FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
+FUZZ = [c for c in COMMANDS if c.startswith(".venv/bin/sitl fuzz")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
 BENCHES = [".venv/bin/sitl bench latency", ".venv/bin/sitl bench loop"]  # in tests of their own
 MAKE_A_KEY = "(umask 077 && openssl rand -hex 32 > signing.key)"
@@ -81,6 +82,7 @@ def test_every_command_is_run_by_a_test_here() -> None:
             *WATCHES,
             *PAPER,
             *CAMPAIGNS,
+            *FUZZ,
             *FOXGLOVE,
             *ORDERS,
             *ON_THE_VEHICLE,
@@ -162,6 +164,14 @@ def test_campaigns_run(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert arguments != command
     outcome = CliRunner().invoke(sitl_cli.app, words(arguments))
     assert outcome.exit_code == 0, outcome.output
+
+
+@pytest.mark.parametrize("command", FUZZ)
+def test_the_fuzzer_runs(command: str) -> None:
+    arguments = words(re.sub(r"--inputs \d+", "--inputs 50", command))
+    outcome = CliRunner().invoke(sitl_cli.app, arguments)
+    assert outcome.exit_code == 0, outcome.output
+    assert "nothing found" in outcome.stdout
 
 
 @pytest.mark.parametrize("command", FOXGLOVE)

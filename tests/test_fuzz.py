@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import guidance.core
 import guidance.fleet
+import guidance.steering
 from guidance.mavlink.codec import FrameReader
 from guidance.mavlink.profiles import set_attitude_target
 from guidance.mavlink.sequence import SequenceWatch
@@ -101,7 +102,7 @@ def with_limits_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     def wide(profile: Any, out: Any, *others: Any) -> Any:
         return send(profile, out._replace(thrust=out.thrust * 1.5), *others)
 
-    monkeypatch.setattr(guidance.core, "set_attitude_target", wide)
+    monkeypatch.setattr(guidance.steering, "set_attitude_target", wide)
 
 
 def without_nesting(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,7 +54,7 @@ BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 FUZZ = [c for c in COMMANDS if c.startswith(".venv/bin/sitl fuzz")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
-BENCHES = [".venv/bin/sitl bench latency", ".venv/bin/sitl bench loop"]  # in tests of their own
+BENCHES = [f".venv/bin/sitl bench {what}" for what in ("latency", "loop", "link")]  # in tests of their own
 MAKE_A_KEY = "(umask 077 && openssl rand -hex 32 > signing.key)"
 OTHERS = [
     INSTALL_AND_FLY,

@@ -42,7 +42,7 @@ HEARTBEATS_MISSED: Final = 3
 
 _HEARTBEAT_PERIOD_NS: Final = 1_000_000_000
 #: Often enough that 30 % of loss each way does not look like a dead uplink.
-_TIMESYNC_PERIOD_NS: Final = 50_000_000
+_TIMESYNC_PERIOD_NS: Final = 40_000_000
 _HEARD_NS: Final = 500_000_000
 _REQUEST_PERIOD_NS: Final = 1_000_000_000
 _STREAM_PERIOD_NS: Final = 100_000_000

@@ -11,7 +11,7 @@ from typing import Final
 
 import pytest
 
-from guidance.records import Command
+from guidance.commands import Shutdown
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
 from sitl.vehicle.px4 import Px4
@@ -80,7 +80,7 @@ def switch(flight: Lockstep) -> None:
 
 
 def stop(flight: Lockstep) -> None:
-    flight.guide.command(Command.SHUTDOWN, flight.now_ns)
+    flight.guide.command(Shutdown(), flight.now_ns)
 
 
 def nothing(_: Lockstep) -> None:

@@ -97,7 +97,6 @@ class Guards:
             self.condition = next((f"{guard.name}: {why}" for guard, why in found if why is not None), None)
             return
         self.condition = None
-        self._looked_ns = -_PLAN_NS
         for guard in GUARDS:
             reason = guard.exceeded(look)
             if reason is None:

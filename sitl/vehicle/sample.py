@@ -53,6 +53,7 @@ class Sample:
         attitude_noise_rad: float,
         project: Projection,
         astray: Astray = RIGHT,
+        current_ned_m_s: Triple = (0.0, 0.0, 0.0),
     ) -> None:
         self.boot_us = boot_ns // 1000
         self.boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
@@ -68,7 +69,12 @@ class Sample:
         self.body_rates_frd_rad_s = rates
         self.speed_m_s = speed
         self.rows = rows = rotation(attitude)
-        self.velocity_ned_m_s = (speed * rows[0][0], speed * rows[1][0], speed * rows[2][0])
+        north, east, down = current_ned_m_s
+        self.velocity_ned_m_s = (
+            speed * rows[0][0] + north,
+            speed * rows[1][0] + east,
+            speed * rows[2][0] + down,
+        )
         self.euler_rad = euler_from_attitude(attitude)
 
     def to_body(self, x: float, y: float, z: float) -> Triple:

@@ -76,6 +76,8 @@ class Autopilot(ABC):
         self.parameters = ParameterSet(
             self.parameter_defaults, options.parameters, bytewise=self.integers_bytewise
         )
+        self.refuses_modes = options.refuses_modes
+        self.refuses_arming = options.refuses_arming
         self.armed = False
         self.reboot_requested = False
         self.home_ned_m: Triple = (0.0, 0.0, 0.0)

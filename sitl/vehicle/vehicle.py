@@ -165,6 +165,10 @@ class Vehicle:
         self._integrate(now_ns)
         self._current_ned_m_s = ned_m_s
 
+    def refuse(self, *, modes: bool = False, arming: bool = False) -> None:
+        """Refuse such commands from now on, whoever sends them (`VehicleOptions.refuses_modes`)."""
+        self._pilot.refuses_modes, self._pilot.refuses_arming = modes, arming
+
     # --- looking at it ----------------------------------------------------------------------------------
 
     def truth(self, now_ns: int | None = None) -> Truth:

@@ -1,0 +1,62 @@
+"""The outcomes that faults have in common."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from guidance.supervisor import State
+from sitl.faults.fault import Expected, Never
+from sitl.vehicle import Firmware
+
+PX4: Final = Firmware.PX4_UUV
+ROVER: Final = Firmware.ARDUPILOT_ROVER
+BOTH: Final = (PX4, ROVER)
+
+#: Where control is given up after a silence: PX4's failsafe acts, ArduRover stops where it is.
+LEFT_ALONE: Final = {PX4: frozenset({"POSCTL"}), ROVER: frozenset({"GUIDED"})}
+CONTROL: Final = {PX4: frozenset({"OFFBOARD"}), ROVER: frozenset({"GUIDED"})}
+#: What is told of a gap or a silence, short or long.
+SILENCE: Final = frozenset({"silent", "setpoint_gap"})
+_OUT: Final = frozenset({State.HANDED_OVER})
+
+
+def tracks_on(within_m: float, *may: str, told: tuple[str, ...] = ()) -> Expected:
+    """The flight goes on, and the vehicle is never farther from the reference than this."""
+    return Expected(
+        frozenset({State.TRACKING}),
+        frozenset(told),
+        frozenset(may) | SILENCE,
+        within_m,
+        never=frozenset({Never.LEAVES}),
+    )
+
+
+def hands_over(
+    within_s: float,
+    *may: str,
+    told: tuple[str, ...] = (),
+    modes: frozenset[str] = frozenset(),
+    states: frozenset[State] = _OUT,
+    within_m: float = math.inf,
+) -> Expected:
+    """Control is given up so soon, and not taken again."""
+    return Expected(
+        states,
+        frozenset(told),
+        frozenset(may) | SILENCE,
+        within_m,
+        within_s,
+        modes,
+        frozenset({Never.TRACKS}),
+    )
+
+
+def stays_out(*states: State, may: tuple[str, ...] = (), told: tuple[str, ...] = ()) -> Expected:
+    """It does not engage, and the vehicle does not move."""
+    return Expected(
+        frozenset(states),
+        frozenset(told),
+        frozenset(may) | SILENCE,
+        never=frozenset({Never.TRACKS, Never.MOVES}),
+    )

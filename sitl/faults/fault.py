@@ -21,6 +21,7 @@ class Never(StrEnum):
     LEAVES = "leaves tracking"
     TRACKS = "tracks"
     FLIES = "is in control of an armed vehicle"
+    ARMED = "leaves the vehicle armed"
     MOVES = "moves the vehicle by more than 1 cm"
 
 
@@ -96,6 +97,19 @@ def _then(state: State, act: Action, into: State) -> Callable[[Flight], bool]:
     return reach
 
 
+def _stop_while_switching(flight: Flight) -> None:
+    flight.line.vehicle.refuse(modes=True)
+    flight.engage()
+    flight.run(5.0, until=State.SWITCHING)
+    flight.run(0.1)
+    flight.shut_down()
+
+
+def _stop_without_an_exit(flight: Flight) -> None:
+    flight.line.vehicle.refuse(modes=True)
+    flight.shut_down()
+
+
 #: By the state in which the fault begins. 2.003 s: between two messages.
 BEGINNINGS: Final[dict[State, Beginning]] = {
     State.DISCONNECTED: Beginning(AUTO, {}, lambda flight: True),
@@ -103,7 +117,9 @@ BEGINNINGS: Final[dict[State, Beginning]] = {
     State.WITHHELD: Beginning(AUTO, {"initially_armed": True}, _wait(State.WITHHELD, 2.0)),
     State.READY: Beginning(PILOT, {"initially_armed": True}, _wait(State.READY, 1.0)),
     State.STREAMING: Beginning(AUTO, {"initially_armed": True}, _wait(State.STREAMING, 0.05)),
-    State.SWITCHING: Beginning(AUTO, {"initially_armed": True}, _wait(State.SWITCHING)),
+    State.SWITCHING: Beginning(
+        AUTO, {"initially_armed": True, "refuses_modes": True}, _wait(State.SWITCHING, 0.5)
+    ),
     State.ARMING: Beginning(
         PILOT, {}, _then(State.READY, lambda flight: flight.switch("control"), State.ARMING)
     ),
@@ -113,13 +129,11 @@ BEGINNINGS: Final[dict[State, Beginning]] = {
         {},
         _then(
             State.READY,
-            lambda flight: (flight.engage(), flight.run(5.0, until=State.SWITCHING), flight.shut_down()),
+            _stop_while_switching,
             State.BACKING_OUT,
         ),
     ),
-    State.LEAVING: Beginning(
-        AUTO, {}, _then(State.TRACKING, lambda flight: flight.shut_down(), State.LEAVING)
-    ),
+    State.LEAVING: Beginning(AUTO, {}, _then(State.TRACKING, _stop_without_an_exit, State.LEAVING)),
     State.HANDED_OVER: Beginning(
         AUTO, {}, _then(State.TRACKING, lambda flight: flight.switch("hold"), State.HANDED_OVER)
     ),

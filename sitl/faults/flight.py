@@ -17,7 +17,7 @@ from guidance.supervisor import State
 from guidance.trajectory import sample
 from sitl.faults.tampering import Stage
 from sitl.faults.witness import Witness
-from sitl.lockstep import PERFECT, SECOND, Channel, Lockstep
+from sitl.lockstep import SECOND, Channel, Lockstep
 from sitl.vehicle import Firmware, Vehicle, VehicleOptions
 
 DEMO: Final = Path(guidance.__file__).with_name("demo.toml")
@@ -32,6 +32,8 @@ BY_FIRMWARE: Final[dict[Firmware, tuple[str, ...]]] = {
 }
 CONTROL_MODES: Final = {Firmware.PX4_UUV: "OFFBOARD", Firmware.ARDUPILOT_ROVER: "GUIDED"}
 DEAD: Final = Channel(loss=1.0)
+#: A line on which nothing is wrong.
+SOUND: Final = Channel(delay_s=0.002)
 _FORCE: Final = 21196.0
 _LOOK_NS: Final = 20_000_000
 _LOUD: Final = (Level.WARNING, Level.ERROR, Level.CRITICAL)
@@ -62,6 +64,8 @@ class Flight:
             Vehicle(vehicle, boot_ns=SECOND),
             start_ns=SECOND,
             seed=seed,
+            to_guide=SOUND,
+            to_vehicle=SOUND,
             on_record=self._record,
             signing_key=key,
         )
@@ -133,7 +137,7 @@ class Flight:
 
     # The line ----------------------------------------------------------------------------------------
 
-    def link(self, to_guide: Channel = PERFECT, to_vehicle: Channel = PERFECT) -> None:
+    def link(self, to_guide: Channel = SOUND, to_vehicle: Channel = SOUND) -> None:
         """The line is so from now on."""
         self.line.to_guide, self.line.to_vehicle = to_guide, to_vehicle
         late_s = max(way.delay_s + way.jitter_s for way in (to_guide, to_vehicle))
@@ -157,12 +161,12 @@ class Flight:
         self.line.vehicle.receive(message.pack(self._mav), self.line.now_ns, peer="pilot")
 
     def switch(self, name: str) -> None:
-        """The pilot chooses a mode by the profile's name of it; "control" is the control mode."""
+        """The pilot chooses a mode by transmitter: a name of the profile's, or "control"."""
         mode = self.profile.control_mode if name == "control" else self.profile.mode(name)
         assert mode is not None, name
         if name == "control":
             self.witness.permit(self.line.now_ns)
-        self.send(mavlink.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub)
+        self.line.vehicle.choose(self.line.now_ns, mode.custom_mode)
 
     def arm(self, armed: bool) -> None:
         """The pilot arms, or disarms by force."""

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from typing import Final
 
+from guidance.supervisor import State
 from sitl.faults.fault import Action, Fault, Step
-from sitl.faults.flight import DEAD, Flight
-from sitl.faults.outcomes import BOTH, LEFT_ALONE, PX4, ROVER, hands_over, tracks_on
+from sitl.faults.flight import DEAD, SOUND, Flight
+from sitl.faults.outcomes import (
+    BOTH,
+    LEFT_ALONE,
+    PX4,
+    ROVER,
+    hands_over,
+    tracks_on,
+    tracks_on_or_hands_over,
+)
 from sitl.faults.tampering import STATE, thinned, with_another
-from sitl.lockstep import PERFECT, Channel
+from sitl.lockstep import Channel
 from sitl.vehicle import Firmware, VehicleOptions
 
 #: Beyond this gap (s) control is given up; shorter ones are flown through.
 _SURVIVED_GAP_S: Final = 0.5
+#: Beyond this (s) the autopilot counts as lost, and what comes back is found armed where it was left.
+_LOST_GAP_S: Final = 3.0
 
 
-def line(to_guide: Channel = PERFECT, to_vehicle: Channel = PERFECT) -> Action:
+def line(to_guide: Channel = SOUND, to_vehicle: Channel = SOUND) -> Action:
     """The line is so from now on."""
     return lambda flight: flight.link(to_guide, to_vehicle)
 
@@ -33,27 +44,54 @@ def _losses() -> list[Fault]:
                 title=f"{part * 100:g} % of all datagrams are lost, each way",
                 firmware=firmware,
                 steps=_always(line(lossy, lossy)),
-                expected=tracks_on(within_m, "estimator_reset", "source"),
+                expected=tracks_on(within_m, "rate_fell"),
                 seconds=12.0,
             )
             for firmware in BOTH
         ]
+    found = frozenset({State.WITHHELD, State.DISCONNECTED})  # at 90 %, again and again
+    for part, states in ((0.5, frozenset[State]()), (0.9, found)):
+        lossy = Channel(loss=part)
+        rows += [
+            Fault(
+                title=f"{part * 100:g} % of all datagrams are lost, each way",
+                firmware=firmware,
+                steps=_always(line(lossy, lossy)),
+                expected=tracks_on_or_hands_over(1.0, "rate_fell", states=states),
+                seconds=12.0,
+            )
+            for firmware in BOTH
+        ]
+    for way, channels in {
+        "service": (Channel(loss=0.3), SOUND),
+        "autopilot": (SOUND, Channel(loss=0.3)),
+    }.items():
+        rows.append(
+            Fault(
+                title=f"30 % of all datagrams to the {way} are lost",
+                firmware=PX4,
+                steps=_always(line(*channels)),
+                expected=tracks_on(0.1, "rate_fell"),
+            )
+        )
     return rows
 
 
 def _gaps() -> list[Fault]:
     rows = []
-    ways = {"both ways": (DEAD, DEAD), "to the service": (DEAD, PERFECT), "to the autopilot": (PERFECT, DEAD)}
+    ways = {"both ways": (DEAD, DEAD), "to the service": (DEAD, SOUND), "to the autopilot": (SOUND, DEAD)}
     for gap_s in (0.2, 0.5, 1.0, 2.0, 5.0):
         for way, channels in ways.items():
             for firmware in BOTH if way == "both ways" else (PX4,):
                 survived = gap_s <= _SURVIVED_GAP_S
+                lost = gap_s > _LOST_GAP_S and way != "to the autopilot"
+                after = frozenset({State.WITHHELD if lost else State.HANDED_OVER})
                 rows.append(
                     Fault(
                         title=f"a gap of {gap_s:g} s {way}",
                         firmware=firmware,
                         steps=(Step(0.0, line(*channels)), Step(gap_s, line())),
-                        expected=tracks_on(0.6) if survived else hands_over(gap_s + 0.2),
+                        expected=tracks_on(0.6) if survived else hands_over(1.05, states=after),
                         seconds=gap_s + 6.0,
                     )
                 )
@@ -93,7 +131,7 @@ def _damage() -> list[Fault]:
             title="a byte is changed in every second datagram",
             firmware=PX4,
             steps=_always(line(Channel(corruption=0.5), Channel(corruption=0.5))),
-            expected=tracks_on(0.5),
+            expected=tracks_on(0.5, "rate_fell"),
         ),
         Fault(
             title="noise of 280 bytes between all datagrams",
@@ -143,7 +181,7 @@ def _delays() -> list[Fault]:
             title="up to 500 ms of jitter, each way",
             firmware=PX4,
             steps=_always(line(Channel(jitter_s=0.5), Channel(jitter_s=0.5))),
-            expected=tracks_on(2.0),
+            expected=tracks_on_or_hands_over(2.0, "estimator_reset", "rate_fell"),
         )
     )
     return rows
@@ -154,7 +192,7 @@ def _rates() -> list[Fault]:
         title="the state comes at 5 Hz",
         firmware=PX4,
         steps=_always(lambda flight: flight.stage(thinned(STATE, 5.0))),
-        expected=tracks_on(0.5),
+        expected=tracks_on_or_hands_over(1.0, "rate_fell"),
     )
     return [
         slow,
@@ -178,7 +216,12 @@ def _other_rates(flight: Flight) -> None:
 def _strangers() -> list[Fault]:
     def joined(system_id: int, component_id: int, firmware: Firmware = PX4) -> Action:
         options = VehicleOptions(firmware=firmware, system_id=system_id, component_id=component_id)
-        return lambda flight: flight.stage(with_another(options, flight.line.now_ns))
+
+        def act(flight: Flight) -> None:
+            flight.witness.deceived = (system_id, component_id) == (1, 1)
+            flight.stage(with_another(options, flight.line.now_ns))
+
+        return act
 
     return [
         Fault(
@@ -198,7 +241,7 @@ def _strangers() -> list[Fault]:
                 title="a second autopilot of the same ids, disarmed",
                 firmware=firmware,
                 steps=_always(joined(1, 1, firmware)),
-                expected=hands_over(1.2, "estimator_reset", "same_ids", "reboot"),
+                expected=hands_over(4.0, "estimator_reset", "two_autopilots", "reboot"),
             )
             for firmware in (PX4, ROVER)
         ),
@@ -206,7 +249,7 @@ def _strangers() -> list[Fault]:
             title="a PX4 takes the rover's ids",
             firmware=ROVER,
             steps=_always(joined(1, 1, PX4)),
-            expected=hands_over(1.2, "estimator_reset", "same_ids", "reboot"),
+            expected=hands_over(4.0, "estimator_reset", "two_autopilots", "reboot"),
         ),
     ]
 

@@ -32,6 +32,12 @@ def tracks_on(within_m: float, *may: str, told: tuple[str, ...] = ()) -> Expecte
     )
 
 
+def tracks_on_or_hands_over(within_m: float, *may: str, states: frozenset[State] = frozenset()) -> Expected:
+    """At the edge of what is flown through: either is safe."""
+    either = frozenset({State.TRACKING, State.HANDED_OVER})
+    return Expected(either | states, may=frozenset(may) | SILENCE, within_m=within_m)
+
+
 def hands_over(
     within_s: float,
     *may: str,

@@ -10,12 +10,14 @@ from sitl.faults.fault import BEGINNINGS, Fault, Never, vehicle_options
 from sitl.faults.flight import Flight, configured
 
 KEY: Final = bytes(range(32))
+#: The autopilot's own words, passed on.
+_WORDS: Final = frozenset({"autopilot"})
 _MOVED_M: Final = 0.01
 _FLYING: Final = frozenset({State.TRACKING, State.HOLDING} if hasattr(State, "HOLDING") else {State.TRACKING})
 
 
 class Outcome(NamedTuple):
-    """What came of a fault; `problems` is empty if it passed. `digest` is of all bytes that the vehicle got."""
+    """What came of a fault; no `problems`: it passed. `digest` is of all bytes that came to the vehicle."""
 
     title: str
     firmware: str
@@ -90,12 +92,15 @@ def _judged(fault: Fault, flight: Flight) -> list[str]:
     codes = {code for code in flight.codes if not code.startswith("state_")}
     if missing := wanted.told - codes:
         problems.append(f"not told: {', '.join(sorted(missing))}")
-    if surplus := codes - wanted.told - wanted.may:
+    if surplus := codes - wanted.told - wanted.may - _WORDS:
         problems.append(f"told besides: {', '.join(sorted(surplus))}")
     if not flight.deviation_m <= wanted.within_m:
         problems.append(f"{flight.deviation_m:.3f} m off, not within {wanted.within_m:g} m")
     left_after_s = _left_after_s(flight)
-    if math.isfinite(wanted.out_within_s) and not (left_after_s or math.inf) <= wanted.out_within_s:
+    if (
+        math.isfinite(wanted.out_within_s)
+        and not (math.inf if left_after_s is None else left_after_s) <= wanted.out_within_s
+    ):
         when = "never" if left_after_s is None else f"after {left_after_s:.2f} s"
         problems.append(f"left tracking {when}, not within {wanted.out_within_s:g} s")
     if wanted.modes and flight.line.vehicle.mode not in wanted.modes:
@@ -114,5 +119,7 @@ def _happened(never: Never, fault: Fault, flight: Flight) -> bool:
             return State.TRACKING in flight.states[fault.begin is State.TRACKING :]
         case Never.FLIES:
             return flight.witness.was_in_control
+        case Never.ARMED:
+            return flight.line.vehicle.armed
         case Never.MOVES:
             return flight.travel_m > _MOVED_M

@@ -1,4 +1,4 @@
-"""What must hold in every flight, whatever fails: judged by the bytes that arrive, not by what the guide says.
+"""What must hold in every flight, whatever fails: by the bytes that arrive, not by what the guide says.
 
 The witness stands at both ends of the line. It knows of every datagram when it was sent and when it came, and
 of the vehicle the truth. It decodes on its own the few messages that it needs.
@@ -10,6 +10,7 @@ import hashlib
 import math
 from bisect import bisect_right
 from collections.abc import Callable
+from itertools import pairwise
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -49,7 +50,8 @@ class Witness:
     """Watches one flight of one service; `broken` says what did not hold, each once, in words.
 
     `slack_s` is how much older than configured a state may be: what the link's delay hides from any clock.
-    `copies` says that the line itself may bring a datagram twice.
+    `copies` says that the line itself may bring a datagram twice, `deceived` that another speaks as the
+    autopilot, so that nobody can tell from a message what the vehicle does.
     """
 
     def __init__(self, config: Config, profile: Profile, loop_ns: int) -> None:
@@ -57,6 +59,7 @@ class Witness:
         self.setpoints: list[Setpoint] = []
         self.slack_s = CLOCK_SLACK_S
         self.copies = False
+        self.deceived = False
         self._config = config
         self._profile = profile
         self._loop_ns = loop_ns
@@ -70,7 +73,8 @@ class Witness:
         self._shown_ns = -1  # when the newest word on the mode was sent
         self._mode: int | None = None
         self._armed = False
-        self._held = False  # what was shown is armed and in the control mode
+        self._held = False  # what was shown is armed and in the control mode,
+        self._flown = False  # and setpoints came to it
         self._forbidden_ns: int | None = None
         self._forbidden: list[tuple[int, int]] = []
         self._in_control = self.was_in_control = False
@@ -91,8 +95,9 @@ class Witness:
         self._epoch = len(self.setpoints)
 
     def rebooted(self) -> None:
-        """The autopilot's times begin anew."""
+        """The autopilot begins anew, and so do its times, by which it is to be seen."""
         self._first.clear()
+        self._held = False
 
     def arrived(self, data: bytes, sent_ns: int, now_ns: int, *, to_guide: bool) -> None:
         """A datagram came."""
@@ -136,13 +141,14 @@ class Witness:
                 self._position.came(made_ns, now_ns)
 
     def _show(self, mode: int, armed: bool, sent_ns: int, now_ns: int) -> None:
-        if sent_ns < self._shown_ns:
-            return  # overtaken
+        if sent_ns < self._shown_ns or self.deceived:
+            return  # overtaken, or perhaps not the vehicle's
         self._shown_ns, self._mode, self._armed = sent_ns, mode, armed
         held = armed and mode == self._profile.control_mode.custom_mode
-        if self._held and not held:
+        if self._held and not held and self._flown:
             self._forbid(now_ns)
         self._held = held
+        self._flown &= held
 
     def _forbid(self, now_ns: int) -> None:
         """From one loop period after this, nothing may be sent."""
@@ -192,6 +198,7 @@ class Witness:
             if silence_s > _RESUMED * self._profile.stream_timeout_s:
                 self._break(f"setpoints were resumed after {silence_s:.1f} s")
         self._came_ns = now_ns
+        self._flown |= self._held
 
     def _is_control(self) -> bool:
         return self._mode == self._profile.control_mode.custom_mode
@@ -199,7 +206,7 @@ class Witness:
     def _in_order(self) -> None:
         """Each setpoint is of its own instant: in the order of sending, their times increase."""
         times = [setpoint.boot_ms for setpoint in sorted(self.setpoints[self._epoch :])]
-        if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+        if any(later <= earlier for earlier, later in pairwise(times)):
             self._break("a setpoint was sent twice, or with an older time")
 
     def _break(self, what: str) -> None:

@@ -244,7 +244,7 @@ class Autopilot(ABC):
     def _refused(self, command: Command) -> bool:
         """Whether this vehicle was told to refuse it whatever its firmware would say."""
         arming = command.id == 400 and command.params[0] == 1.0
-        return (self.options.refuses_modes and command.id == 176) or (self.options.refuses_arming and arming)
+        return (self.refuses_modes and command.id == 176) or (self.refuses_arming and arming)
 
     def acknowledge(self, command: Command, result: int) -> None:
         """Send a COMMAND_ACK."""

@@ -21,6 +21,7 @@ from sitl.plant import PlantCommand, PlantParameters, PlantState, Triple, step
 from sitl.vehicle.ardupilot import ArduRover
 from sitl.vehicle.autopilot import Autopilot
 from sitl.vehicle.clock import BootClock
+from sitl.vehicle.command import ACCEPTED
 from sitl.vehicle.options import Firmware, Truth, VehicleOptions
 from sitl.vehicle.projection import Projection, azimuthal_equidistant, equirectangular
 from sitl.vehicle.px4 import Px4
@@ -165,8 +166,19 @@ class Vehicle:
         self._integrate(now_ns)
         self._current_ned_m_s = ned_m_s
 
+    def choose(self, now_ns: int, custom_mode: int) -> bool:
+        """The pilot chooses a mode by the transmitter; whether the firmware enters it."""
+        now_ns = max(now_ns, self._state_ns)
+        self._run_to(now_ns)
+        self._integrate(now_ns)
+        self._pilot.now_ns = self._clock.at(now_ns)
+        chosen = self._pilot.select_mode(custom_mode) == ACCEPTED
+        self._command = self._pilot.command(self._state)
+        self._plan()
+        return chosen
+
     def refuse(self, *, modes: bool = False, arming: bool = False) -> None:
-        """Refuse such commands from now on, whoever sends them (`VehicleOptions.refuses_modes`)."""
+        """Refuse such commands from now on, as `VehicleOptions.refuses_modes` and `refuses_arming` say."""
         self._pilot.refuses_modes, self._pilot.refuses_arming = modes, arming
 
     # --- looking at it ----------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""What is commanded while engaging and leaving: how often, and when no more.
+"""What is commanded while engaging, holding and leaving: how often, and when no more.
 
 A command is repeated because it may have been lost. One that was obeyed must not be: what undid it since
 was the pilot. HEARTBEAT and CURRENT_MODE show that up to a second late, so the answer forbids repetition; it
@@ -21,6 +21,8 @@ _COMMAND_PERIOD_NS: Final = 1_000_000_000
 _LEAVE_PERIOD_NS: Final = 200_000_000
 _COMMAND_OF: Final = {
     State.SWITCHING: dialect.MAV_CMD_DO_SET_MODE,
+    State.PAUSING: dialect.MAV_CMD_DO_SET_MODE,
+    State.ABORTING: dialect.MAV_CMD_DO_SET_MODE,
     State.ARMING: dialect.MAV_CMD_COMPONENT_ARM_DISARM,
 }
 
@@ -33,12 +35,12 @@ class Commands:
         self._state = State.DISCONNECTED
         self._arm = config.arm
         self._control_mode = profile.control_mode
-        self._exit_mode = profile.mode(config.exit_mode)  # known: checked with the configuration
+        self._leave_for: Mode | None = None
         self._sent_ns: int | None = None
 
-    def begin(self, state: State) -> None:
-        """A state begins."""
-        self._state = state
+    def begin(self, state: State, leave_for: Mode | None) -> None:
+        """A state begins; if it is one that leaves the control mode, then for `leave_for`."""
+        self._state, self._leave_for = state, leave_for
         self._sent_ns = self.accepted_ns = None
 
     def answered(self, ack: CommandAck, now_ns: int) -> None:
@@ -49,7 +51,7 @@ class Commands:
             self.accepted_ns = now_ns
         elif (
             # PX4 may answer twice, first with a yes: a refusal that is surely ours has the last word.
-            self._state is State.SWITCHING
+            ack.command == dialect.MAV_CMD_DO_SET_MODE
             and ack.result != dialect.MAV_RESULT_IN_PROGRESS
             and ack.target_system != 0
             and ack.target_component != 0
@@ -66,11 +68,12 @@ class Commands:
             wanted = self._control_mode
         elif self._state is State.ARMING and self._arm and not view.armed and view.blocked is None:
             wanted = True
-        elif self._state is State.LEAVING or (
+        elif self._state in (State.PAUSING, State.ABORTING, State.LEAVING) or (
             # A mode that somebody else chose is left alone.
-            self._state is State.BACKING_OUT and view.custom_mode == self._control_mode.custom_mode
+            self._state in (State.CANCELLING, State.BACKING_OUT)
+            and view.custom_mode == self._control_mode.custom_mode
         ):
-            wanted, period_ns = self._exit_mode, _LEAVE_PERIOD_NS
+            wanted, period_ns = self._leave_for, _LEAVE_PERIOD_NS
         if wanted is None or (self._sent_ns is not None and now_ns - self._sent_ns < period_ns):
             return None
         self._sent_ns = now_ns

@@ -62,6 +62,7 @@ class SupervisorConfig(_Section, frozen=True, kw_only=True):
     engage_max_error_m: Positive
     step_timeout_s: Annotated[float, Meta(ge=1.0, le=60.0)] = 5.0
     exit_mode: str = "hold"
+    hold_mode: str = "hold"
 
 
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
@@ -215,12 +216,16 @@ def _conflicts(config: Config) -> Iterator[Problem]:
 
 def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
     exits = [mode.name for mode in profile.modes if mode != profile.control_mode]
-    name = config.supervisor.exit_mode
-    if name not in exits:
-        yield Problem(
-            "supervisor.exit_mode",
-            f" = {shown(name)}: not a mode that {profile.name} can be left in; must be {one_of(exits, name)}",
-        )
+    for key, name in (
+        ("exit_mode", config.supervisor.exit_mode),
+        ("hold_mode", config.supervisor.hold_mode),
+    ):
+        if name not in exits:
+            yield Problem(
+                f"supervisor.{key}",
+                f" = {shown(name)}: not a mode that {profile.name} can be left in; must be "
+                f"{one_of(exits, name)}",
+            )
     allocation = config.law.allocation
     if profile.planar and allocation != "pitch-yaw":
         yield Problem(

@@ -21,8 +21,9 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.commanding import command_of
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
-from guidance.estimate import Estimate, Estimator
+from guidance.estimate import Estimator
 from guidance.intake import streams_at, take_state
+from guidance.leaving import LEAVING
 from guidance.mavlink.line import LineWatch
 from guidance.mavlink.link import AutopilotLink, Received
 from guidance.mavlink.messages import (
@@ -36,21 +37,24 @@ from guidance.mavlink.messages import (
     StateBody,
     StatusText,
 )
-from guidance.mavlink.profiles import Outgoing, neutral, set_attitude_target
 from guidance.mavlink.report import link_record
 from guidance.mavlink.signing import Signing, SigningClock
 from guidance.mavlink.streams import Stream
 from guidance.orders import obey, reported
-from guidance.readiness import first_unmet, stalled, young
+from guidance.readiness import first_unmet
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
 from guidance.reporting import Cadence, News, setpoint_records, state_record, status_record
+from guidance.requests import ENGAGING
+from guidance.steering import Sent, Steering
 from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
-from guidance.timing import LoopTiming, Pace
-from guidance.tracker import Solution, Tracker, is_usable
+from guidance.timing import LoopTiming
+from guidance.tracker import Tracker
 from guidance.view import seen
 from guidance.words import SEVERITY, Words
 
 _WATCH_NS: Final = 50_000_000
+#: Where a flight that has begun stays begun.
+_IN_FLIGHT: Final = ENGAGING | {State.TRACKING, State.PAUSING, State.HOLDING, State.ABORTING, State.LEAVING}
 _LOUD: Final = frozenset({State.HANDED_OVER, State.ABORTED, State.WITHHELD})
 _COMMANDS: Final = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
 
@@ -78,20 +82,19 @@ class Guide:
         self.engagement = Engagement(config.supervisor, self.profile)
         self.tracker = Tracker(config, self.profile)
         self.timing = LoopTiming()
-        self.setpoints_sent = 0
         self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it,
         self.dropped_packets = 0  # nor on this
         self._line = LineWatch(self.connection, config.link.rate_hz, self._streams_at)
         self._estimator = Estimator(self.profile.project)
+        self.steering = Steering(
+            config, self.profile, self.connection, self.link, self.tracker, self._estimator
+        )
         self._news = News()
         self._cadence = Cadence()
         self._records: list[Record] = []
         self._put_off: list[Callable[[], None]] = []
         self._packets: list[bytes] = []
         self._input_seq = 0
-        self._pace = Pace(config.link.rate_hz)
-        self._actuation_delay_ns = round(config.link.actuation_delay_s * 1e9)
-        self._sent_ns: int | None = None
         self._started_ns: int | None = None
         self._watch_ns = 0
         self._reboots = 0
@@ -175,7 +178,12 @@ class Guide:
     def deadline(self) -> int:
         """When `tick` must be called next, ns; in the past if it is due now."""
         due_ns = min(self._watch_ns, self.link.deadline())
-        return min(due_ns, self._pace.due_ns) if self.engagement.streaming else due_ns
+        return min(due_ns, self.steering.pace.due_ns) if self.engagement.streaming else due_ns
+
+    @property
+    def setpoints_sent(self) -> int:
+        """How many, since the start."""
+        return self.steering.setpoints_sent
 
     @property
     def finished(self) -> bool:
@@ -211,7 +219,7 @@ class Guide:
     def _take_sample(self, name: str, body: StateBody, now_ns: int) -> None:
         refused = take_state(self.link, self._estimator, name, body, now_ns)
         if refused is None and not isinstance(body, LocalPositionNed | GlobalPositionInt):
-            self._pace.attitude_came(now_ns)
+            self.steering.pace.attitude_came(now_ns)
 
     # Ticking -----------------------------------------------------------------------------------------
 
@@ -223,7 +231,7 @@ class Guide:
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS
             self._supervise(now_ns)
-        if self.engagement.streaming and now_ns >= self._pace.due_ns:
+        if self.engagement.streaming and now_ns >= self.steering.pace.due_ns:
             self._setpoint(now_ns)
         self._put_off.append(partial(self._tell_periodic, now_ns))
 
@@ -237,11 +245,11 @@ class Guide:
         self._records += [Packet(t_ns=event.t_ns, input_seq=event.seq, data=packet) for packet in packets]
 
     def _supervise(self, now_ns: int) -> None:
-        moved = self._estimator.origin.look(self.link.origin, flying=self.tracker.start_ns is not None)
+        moved = self._estimator.origin.look(self.link.origin, flying=self.tracker.origin_ned_m is not None)
         if moved is not None:
             self._event(Level.WARNING, "origin_moved", moved, now_ns)
-        estimate = self._basis(now_ns)
-        engaging = self.engagement.state not in (State.CONNECTED, State.READY)
+        estimate = self.steering.basis(now_ns)
+        engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
         blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
         mode_age_s = None
         if (modes := self.link.streams.get("CURRENT_MODE")) is not None:
@@ -255,7 +263,7 @@ class Guide:
             now_ns,
             blocked=blocked,
             setpoints_sent=self.setpoints_sent,
-            sent_ns=self._sent_ns,
+            sent_ns=self.steering.sent_ns,
             answer=self._words.answer,
         )
         for change in self.engagement.update(view, now_ns):
@@ -273,65 +281,35 @@ class Guide:
         self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
         self.link.outbox.status_text(SEVERITY[level], status_text(change.after, change.event, change.reason))
         self._cadence.now("status")
-        if change.after in (State.STREAMING, State.SWITCHING, State.ARMING, State.LEAVING):
+        if change.after in ENGAGING | LEAVING:
             self._words.forget()
         if SETPOINTS[change.after] is Setpoints.NONE or SETPOINTS[change.before] is Setpoints.NONE:
             self.timing.paused()
-            self._pace.due_ns = now_ns
-        if change.after not in (State.TRACKING, State.LEAVING):
+            self.steering.pace.due_ns = now_ns
+        if change.after is State.HOLDING:
+            self.tracker.pause(self.steering.acts_ns(now_ns))
+        elif change.after not in _IN_FLIGHT:
             self.tracker.stop()
 
     # Setpoints ---------------------------------------------------------------------------------------
 
     def _setpoint(self, now_ns: int) -> None:
-        """Compute and send one setpoint for its own instant, or be silent and say why."""
-        due_ns = self._pace.taken(now_ns)
-        instant_ns = now_ns + self._actuation_delay_ns
-        estimate = self._basis(now_ns)
-        if isinstance(estimate, str):
-            self._silent(estimate, now_ns)
-            return
-        solution: Solution | None = None
-        if SETPOINTS[self.engagement.state] is Setpoints.LAW:
-            if self.tracker.start_ns is None:
-                origin = self.tracker.find_origin(estimate.pose.position, self.link.origin, self.link.home)
-                if isinstance(origin, str):
-                    self._silent(origin, now_ns)
-                    return
-                self.tracker.start(instant_ns, origin)
-            solution = self.tracker.solve(estimate)
-            if not is_usable(solution):
-                self._silent("the law gave a number that is not finite", now_ns)
-                return
-        full_m_s = self.config.vehicle.speed_at_full_thrust_m_s
-        out = neutral(self.profile, full_m_s) if solution is None else solution.outgoing
+        """Send one setpoint, or be silent and say why."""
         boot_ms = (now_ns - (self._started_ns or 0)) // 1_000_000
-        self.link.outbox.send(
-            set_attitude_target(self.profile, out, self.link.system, self.link.component, boot_ms)
-        )
-        self.setpoints_sent += 1
-        self._sent_ns = now_ns
+        law = SETPOINTS[self.engagement.state] is Setpoints.LAW
+        sent = self.steering.send(now_ns, boot_ms, law=law)
+        if isinstance(sent, str):
+            self._silent(sent, now_ns)
+            return
         self._silent_because = ""
-        self._put_off.append(partial(self._tell_setpoint, estimate, solution, out, due_ns, now_ns))
+        self._put_off.append(partial(self._tell_setpoint, sent, now_ns))
 
-    def _tell_setpoint(
-        self, estimate: Estimate, solution: Solution | None, out: Outgoing, due_ns: int, now_ns: int
-    ) -> None:
-        gap_s = self.timing.sent(due_ns, now_ns)
+    def _tell_setpoint(self, sent: Sent, now_ns: int) -> None:
+        gap_s = self.timing.sent(sent.due_ns, now_ns)
         if gap_s is not None:
             self._event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
         self._cadence.told("state", now_ns)
-        self._records += setpoint_records(estimate, solution, out, self.setpoints_sent)
-
-    def _basis(self, now_ns: int) -> Estimate | str:
-        """The state that a setpoint may be made of now, or why none may be sent."""
-        held_up = stalled(self.connection, self.link.uplink_age_s(now_ns))
-        return held_up or self._estimator.origin.moved or self._estimate(now_ns)
-
-    def _estimate(self, now_ns: int) -> Estimate | str:
-        """The state at the instant that a setpoint sent now acts, or why there is none to be used."""
-        estimate = self._estimator.at(now_ns + self._actuation_delay_ns)
-        return young(estimate, self.config.link)
+        self._records += setpoint_records(sent.estimate, sent.solution, sent.outgoing, self.setpoints_sent)
 
     def _tell_periodic(self, now_ns: int) -> None:
         for name in self._cadence.due(now_ns):
@@ -339,7 +317,7 @@ class Guide:
 
     def _periodic(self, name: str, now_ns: int) -> list[Record]:
         if name == "state":
-            estimate = self._estimate(now_ns)
+            estimate = self.steering.estimate(now_ns)
             return [] if isinstance(estimate, str) else [state_record(estimate)]
         if name == "status":
             return [status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)]

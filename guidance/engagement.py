@@ -14,21 +14,23 @@ from typing import Final, NamedTuple
 
 from guidance.commanding import Commands
 from guidance.config import SupervisorConfig
+from guidance.leaving import LEAVING, Leaving
 from guidance.mavlink.messages import CommandAck
 from guidance.mavlink.profiles import Mode, Profile
+from guidance.requests import Order, Requests
 from guidance.supervisor import SETPOINTS, Event, Setpoints, State, transition
+from guidance.takeover import PilotWatch
 from guidance.view import Attempt, Contact, View, may_obey, waiting_reason, withheld_reason
 
 #: Setpoints to send before the mode is asked for.
 ESTABLISHED_AFTER: Final = 10
-#: How long the exit mode is commanded on shutdown; it ends with the first look after that.
-LEAVE_S: Final = 1.0
 #: On the ground, a refusal is tried again after this time, and a hand-over becomes a new start.
 RETRY_S: Final = 5.0
-#: A mode command that was given up may act so much later, and that is no switch of the pilot's.
-UNDER_WAY_S: Final = 2.0
 #: A HEARTBEAT this long after the answer to the arming command was sent after it, and tells what came of it.
 ARMING_SHOWN_S: Final = 0.3
+
+
+_SPENDS_AUTO: Final = (State.HANDED_OVER, State.PAUSING, State.ABORTING)
 
 
 class Change(NamedTuple):
@@ -53,62 +55,64 @@ class Engagement:
         self.streaming = False  # whether setpoints may flow, as of the last update
         self._commands = Commands(config, profile)
         self._control = profile.control_mode.custom_mode
-        self._exit_mode = profile.mode(config.exit_mode)  # known: checked with the configuration
+        self._leaving = Leaving(config, profile)
+        self._requests = Requests(config.step_timeout_s)
         self._auto = _Auto.MAY_ENGAGE
-        self._requested_until_ns = 0
-        self._previous_mode: int | None = None
-        self._mode_at_entry: int | None = None
-        self._was_armed = False
-        self._armed_ns = 0
+        self._pilot = PilotWatch(profile)
         self._sent_at_entry = 0
         self._attempt = Attempt(profile)
-        self._was_there = False
-        self._under_way_until_ns = 0
         self._shutdown = False
 
     # Commands of the operator ------------------------------------------------------------------------
 
     def engage(self, now_ns: int) -> str | None:
         """The operator commands to engage; why that is refused, None if it is not."""
+        return self._ask(Order.ENGAGE, now_ns)
+
+    def hold(self, now_ns: int) -> str | None:
+        """The operator commands to hold, by the autopilot's own mode; why that is refused, or None."""
+        return self._ask(Order.HOLD, now_ns)
+
+    def resume(self, now_ns: int) -> str | None:
+        """The operator commands to go on where it was held; why that is refused, None if it is not."""
+        return self._ask(Order.RESUME, now_ns)
+
+    def abort(self, now_ns: int) -> str | None:
+        """The operator commands to end the flight; why that is refused, None if it is not."""
+        refused = self._ask(Order.ABORT, now_ns)
+        if refused is None and self.state in (State.CONNECTED, State.READY):
+            self._requests.forget()  # nothing has begun that could be aborted, and nothing shall
+            self._auto = _Auto.SPENT
+        return refused
+
+    def _ask(self, order: Order, now_ns: int) -> str | None:
         if self._shutdown:
-            return "engage refused: the service is shutting down"
-        if self.state is State.DISCONNECTED:
-            return f"engage refused: {self.state}: {self.reason}"
-        if self.state in (State.STREAMING, State.SWITCHING, State.ARMING, State.TRACKING):
-            return f"engage ignored: already {self.state}"
-        self._requested_until_ns = now_ns + round(self._config.step_timeout_s * 1e9)
-        return None
+            return f"{order} refused: the service is shutting down"
+        return self._requests.ask(order, self.state, self.reason, now_ns)
 
     def shutdown(self) -> None:
         """The operator stops the service."""
         self._shutdown = True
 
     def expired(self, now_ns: int) -> str | None:
-        """Says once that a command to engage was given up, and why."""
-        if not 0 < self._requested_until_ns <= now_ns:
-            return None
-        self._requested_until_ns = 0
-        return f"engage given up after {self._config.step_timeout_s:g} s: {self.reason}"
+        """Says once that a command was given up, and why."""
+        return self._requests.expired(self.reason, now_ns)
 
     # What follows from what is seen ------------------------------------------------------------------
 
     def update(self, view: View, now_ns: int) -> list[Change]:
         """All changes of state that follow from the view, in order."""
         changes: list[Change] = []
-        if not view.certain:
-            self._previous_mode = None
+        self._pilot.doubt(view)
         while (happening := self._happening(view, now_ns)) is not None:
             event, reason = happening
             before, after = self.state, transition(self.state, event)
             if after is before:
                 break
-            if before is State.SWITCHING and event is not Event.MODE_CONFIRMED:
-                self._under_way_until_ns = now_ns + round(UNDER_WAY_S * 1e9)
             self.state, self.reason, self.since_ns = after, reason, now_ns
             self._entered(event, view, now_ns)
             changes.append(Change(before, after, event, reason))
-        # A switch is fresh only if it was seen: not one made while the link was down or silent.
-        self._previous_mode = view.custom_mode if view.connected and view.certain else None
+        self._pilot.looked(view)
         self.streaming = self._may_stream(view, now_ns)
         return changes
 
@@ -116,18 +120,16 @@ class Engagement:
         """What must be remembered of the instant at which a state began."""
         if event is Event.ENGAGE:
             self._auto = _Auto.MAY_ENGAGE
-        if self.state is State.HANDED_OVER:
-            self._auto = _Auto.HANDED_OVER
+        if self.state in _SPENDS_AUTO or event in (Event.ABORT, Event.GUARD_SILENCES):
+            self._auto = _Auto.SPENT
         if self.state not in (State.CONNECTED, State.READY):
-            self._requested_until_ns = 0  # obeyed, or overtaken: a command never acts twice
+            self._requests.forget()  # obeyed, or overtaken: a command never acts twice
         if self.state is State.STREAMING or event is Event.PILOT_SWITCHED:
             self._attempt.begin(view, now_ns)
-        self._was_there = False
-        self._mode_at_entry = view.custom_mode
-        self._was_armed = bool(view.armed)
-        self._armed_ns = now_ns
+        self._pilot.begin(self.state, event, view, now_ns)
         self._sent_at_entry = view.setpoints_sent
-        self._commands.begin(self.state)
+        self._leaving.begin(self.state, view, now_ns)
+        self._commands.begin(self.state, self._leaving.mode)
 
     def due_command(self, view: View, now_ns: int) -> Mode | bool | None:
         """A mode to command now, True to arm, None for nothing; repeated until it worked or was accepted."""
@@ -143,7 +145,7 @@ class Engagement:
             return None
         if state is not State.DISCONNECTED and not view.connected:
             return Event.LOST, view.absent_because
-        if self._shutdown and state not in (State.LEAVING, State.BACKING_OUT):
+        if self._shutdown and (state not in LEAVING or state is State.PAUSING):
             return Event.SHUTDOWN, "the service was told to stop"
         match state:
             case State.DISCONNECTED:
@@ -153,13 +155,18 @@ class Engagement:
             case State.CONNECTED | State.READY:
                 return self._before_engaging(view, now_ns)
             case State.STREAMING | State.SWITCHING:
-                return self._lost_hold(view, now_ns) or self._engaging(view, now_ns)
+                return self._lost_hold(view, now_ns) or self._abort(now_ns) or self._engaging(view, now_ns)
             case State.ARMING:
-                return self._lost_hold(view, now_ns) or self._arming(view, now_ns)
+                return self._lost_hold(view, now_ns) or self._abort(now_ns) or self._arming(view, now_ns)
             case State.TRACKING:
-                return self._lost_hold(view, now_ns)
-            case State.BACKING_OUT | State.LEAVING:
-                return self._leaving(view, now_ns) or self._unasked(view, now_ns)
+                return self._lost_hold(view, now_ns) or self._stopped(view, now_ns) or self._hold(now_ns)
+            case State.PAUSING:
+                ended = self._unasked(view, now_ns) or self._leaving.ended(view, now_ns)
+                return ended or self._stopped(view, now_ns)
+            case State.HOLDING:
+                return self._holding(view, now_ns)
+            case State.ABORTING | State.CANCELLING | State.BACKING_OUT | State.LEAVING:
+                return self._leaving.ended(view, now_ns) or self._unasked(view, now_ns)
             case State.HANDED_OVER | State.ABORTED:
                 return self._out_of_control(view, now_ns)
 
@@ -175,7 +182,7 @@ class Engagement:
         if view.intended_mode == self._control or view.custom_mode == self._control:
             # Somebody flew it: `auto` must not take it from whoever has it then.
             self._auto = _Auto.FOUND_FLYING if self._auto is _Auto.MAY_ENGAGE else self._auto
-        if now_ns < self._requested_until_ns:
+        if self._requests.waits(Order.ENGAGE, now_ns):
             return Event.COMMANDED, "the operator commands"
         if not view.armed:
             # Down, and not by a hand-over in this run: as good as found disarmed.
@@ -192,9 +199,9 @@ class Engagement:
             return (Event.CONDITIONS_LOST, view.blocked) if self.state is State.READY else None
         if self.state is State.CONNECTED:
             return Event.CONDITIONS_MET, self._waiting_for(view)
-        if self._switched(view, now_ns):
+        if self._pilot.switched(view, now_ns):
             return Event.PILOT_SWITCHED, f"the pilot switched to {self.profile.control_mode.name}"
-        if now_ns < self._requested_until_ns:
+        if self._requests.waits(Order.ENGAGE, now_ns):
             return Event.ENGAGE, "the operator commands"
         if self._may_auto(view):
             return Event.ENGAGE, 'engage = "auto"'
@@ -205,30 +212,13 @@ class Engagement:
         return self._unasked(view, now_ns) or self._interrupted(view, now_ns)
 
     def _unasked(self, view: View, now_ns: int) -> tuple[Event, str] | None:
-        """The mode was changed or the vehicle disarmed, and not by this service: the pilot wins."""
-        expected: set[int | None] = {self._control}
-        if self.state in (State.STREAMING, State.SWITCHING, State.BACKING_OUT):
-            expected.add(self._mode_at_entry)
-        elif self.state is State.LEAVING and self._exit_mode is not None:
-            expected.add(self._exit_mode.custom_mode)
-        if self.state is State.SWITCHING and view.custom_mode != self._control:
-            if view.intended_mode == self._control:
-                self._was_there = True
-            elif self._was_there and view.intended_mode is not None:  # and left again, before it was seen
-                expected = set()
-        if view.custom_mode not in expected:
-            return Event.MODE_LEFT, f"the mode was changed to {self._name(view.custom_mode)}"
-        if self._was_armed and not view.armed:
-            return Event.DISARMED, "the vehicle was disarmed"
-        if view.armed and not self._was_armed:
-            self._was_armed, self._armed_ns = True, now_ns
-        return None
+        return self._pilot.unasked(view, self._leaving.expected(), now_ns)
 
     def _engaging(self, view: View, now_ns: int) -> tuple[Event, str] | None:
         mode = self.profile.control_mode
         late = self._late(self.since_ns, now_ns)
         if self.state is State.STREAMING:
-            if self._switched(view, now_ns):
+            if self._pilot.switched(view, now_ns):
                 return Event.PILOT_SWITCHED, f"the pilot switched to {mode.name}"
             if view.setpoints_sent - self._sent_at_entry >= ESTABLISHED_AFTER:
                 return Event.STREAM_ESTABLISHED, f"commanding {mode.name}"
@@ -243,7 +233,7 @@ class Engagement:
         if view.armed:
             if view.blocked is None:
                 return Event.IN_CONTROL, f"{self.profile.control_mode.name} and armed, confirmed"
-            return _timeout(self._late(self._armed_ns, now_ns), view.blocked)
+            return _timeout(self._late(self._pilot.armed_ns, now_ns), view.blocked)
         if self._config.arm:
             accepted_ns = self._commands.accepted_ns
             if accepted_ns is not None and view.heartbeat_ns >= accepted_ns + round(ARMING_SHOWN_S * 1e9):
@@ -261,20 +251,35 @@ class Engagement:
             why = (why or "armed after a silence") if self._attempt.broken and view.armed else None
         return None if why is None else (Event.INTERRUPTED, why)
 
-    def _leaving(self, view: View, now_ns: int) -> tuple[Event, str] | None:
-        left = self._exit_mode is not None and view.custom_mode == self._exit_mode.custom_mode
-        # Backing out of the exit mode itself, a command to leave it may still be on its way.
-        if left and (self.state is State.LEAVING or view.custom_mode != self._mode_at_entry):
-            return Event.LEFT, f"{self._config.exit_mode} confirmed"
-        if now_ns - self.since_ns >= round(LEAVE_S * 1e9):
-            return Event.LEFT, f"{self._config.exit_mode} not confirmed within {LEAVE_S:g} s"
+    def _stopped(self, view: View, now_ns: int) -> tuple[Event, str] | None:
+        trip = view.trip
+        if trip is None:
+            return self._abort(now_ns)
+        return Event.GUARD_SILENCES if trip.mode is None else Event.GUARD_TRIPPED, trip.reason
+
+    def _abort(self, now_ns: int) -> tuple[Event, str] | None:
+        waits = self._requests.waits(Order.ABORT, now_ns)
+        return (Event.ABORT, "the operator aborts") if waits else None
+
+    def _hold(self, now_ns: int) -> tuple[Event, str] | None:
+        waits = self._requests.waits(Order.HOLD, now_ns)
+        return (Event.HOLD, "the operator holds") if waits else None
+
+    def _holding(self, view: View, now_ns: int) -> tuple[Event, str] | None:
+        if self._pilot.engaged(view, now_ns):
+            return Event.PILOT_SWITCHED, f"the pilot switched to {self.profile.control_mode.name}"
+        ended = self._unasked(view, now_ns) or self._abort(now_ns)
+        if ended is not None:
+            return ended
+        self.reason = view.blocked or f"{self._leaving.mode.name} is on: resume or abort"
+        if self._requests.waits(Order.RESUME, now_ns) and view.blocked is None:
+            return Event.RESUME, "the operator resumes"
         return None
 
     def _out_of_control(self, view: View, now_ns: int) -> tuple[Event, str] | None:
-        if now_ns < self._requested_until_ns:
+        if self._requests.waits(Order.ENGAGE, now_ns):
             return Event.COMMANDED, "the operator commands"
-        # Where the mode needs a stream, an edge that comes without one of ours belongs to somebody else.
-        if self._switched(view, now_ns) and not self.profile.needs_stream:
+        if self._pilot.engaged(view, now_ns):
             return Event.PILOT_SWITCHED, f"the pilot switched to {self.profile.control_mode.name}"
         waited = (now_ns - self.since_ns) * 1e-9 > RETRY_S
         if self.state is State.HANDED_OVER:
@@ -298,11 +303,6 @@ class Engagement:
     def _late(self, since_ns: int, now_ns: int) -> bool:
         return (now_ns - since_ns) * 1e-9 > self._config.step_timeout_s
 
-    def _switched(self, view: View, now_ns: int) -> bool:
-        """The pilot has just switched to the control mode."""
-        changed = view.custom_mode == self._control and self._previous_mode not in (None, self._control)
-        return changed and now_ns >= self._under_way_until_ns
-
     def may_offer_stream(self, view: View) -> bool:
         """Whether neutral setpoints may flow in READY: the mode needs them and they cannot take control.
 
@@ -312,12 +312,12 @@ class Engagement:
         return allowed and view.certain and not may_obey(self.profile, view)
 
     def _silenced(self) -> bool:
-        return self._config.engage == "auto" and self._auto is _Auto.HANDED_OVER
+        return self._config.engage == "auto" and self._auto is _Auto.SPENT
 
     def _may_stream(self, view: View, now_ns: int) -> bool:
         if self.state is State.READY:
             return self.may_offer_stream(view)
-        if self.state in (State.BACKING_OUT, State.LEAVING):
+        if self.state in LEAVING:
             # The commands to leave go on, but a stream that was interrupted does not take control back.
             self._attempt.silence(view, now_ns, establishing=False)
             return not self._attempt.broken
@@ -330,16 +330,13 @@ class Engagement:
             return "every condition is met"
         return waiting_reason(self.profile, view, silenced=self._silenced())
 
-    def _name(self, custom_mode: int | None) -> str:
-        return "unknown" if custom_mode is None else self.profile.mode_name(custom_mode)
-
 
 class _Auto(Enum):
     """What has become of `engage = "auto"`."""
 
     MAY_ENGAGE = auto()
     FOUND_FLYING = auto()  # spent until the vehicle is disarmed
-    HANDED_OVER = auto()  # spent until the operator commands
+    SPENT = auto()  # handed over, held or aborted: until the operator commands to engage
 
 
 def _answered(view: View) -> str:

@@ -80,7 +80,8 @@ def first_unmet(
         error_m = tracker.start_error_m(position, origin)
         limit_m = config.supervisor.engage_max_error_m
         if error_m > limit_m:
-            return f"{error_m:.1f} m from the start, engage_max_error_m is {limit_m:g}: go closer"
+            place = "the start" if tracker.paused_s is None else "where the flight was held"
+            return f"{error_m:.1f} m from {place}, engage_max_error_m is {limit_m:g}: go closer"
     return None
 
 

@@ -22,6 +22,10 @@ class State(StrEnum):
     SWITCHING = "switching"
     ARMING = "arming"
     TRACKING = "tracking"
+    PAUSING = "pausing"
+    HOLDING = "holding"
+    ABORTING = "aborting"
+    CANCELLING = "cancelling"
     BACKING_OUT = "backing-out"
     LEAVING = "leaving"
     HANDED_OVER = "handed-over"
@@ -48,6 +52,12 @@ class Event(StrEnum):
     DISARMED = "disarmed"
     INTERRUPTED = "interrupted"
     STEP_TIMEOUT = "step-timeout"
+    HOLD = "hold"
+    HOLD_CONFIRMED = "hold-confirmed"
+    RESUME = "resume"
+    ABORT = "abort"
+    GUARD_TRIPPED = "guard-tripped"
+    GUARD_SILENCES = "guard-silences"
     RETRY = "retry"
     SHUTDOWN = "shutdown"
     LEFT = "left"
@@ -70,6 +80,10 @@ SETPOINTS: Final[dict[State, Setpoints]] = {
     State.SWITCHING: Setpoints.NEUTRAL,
     State.ARMING: Setpoints.NEUTRAL,
     State.TRACKING: Setpoints.LAW,
+    State.PAUSING: Setpoints.LAW,  # fresh ones go on until the hold mode is seen
+    State.HOLDING: Setpoints.NONE,
+    State.ABORTING: Setpoints.LAW,  # until the mode that was chosen is seen
+    State.CANCELLING: Setpoints.NEUTRAL,
     State.BACKING_OUT: Setpoints.NEUTRAL,
     State.LEAVING: Setpoints.LAW,  # fresh ones go on until the exit mode is seen
     State.HANDED_OVER: Setpoints.NONE,
@@ -87,10 +101,14 @@ MEANINGS: Final[dict[State, str]] = {
     State.SWITCHING: "engaging, second step: the control mode is commanded until it is seen or accepted",
     State.ARMING: "engaging, third step: armed by command if so configured, else by the pilot",
     State.TRACKING: "follows the trajectory",
+    State.PAUSING: "told to hold: commands the hold mode until it is seen, 3 s at most",
+    State.HOLDING: "the autopilot holds by its own mode; the trajectory's time stands still",
+    State.ABORTING: "aborted while tracking: commands the chosen mode until it is seen, 1 s at most",
+    State.CANCELLING: "aborted while engaging: commands the exit mode if the control mode is on",
     State.BACKING_OUT: "stopped while engaging: commands the exit mode if the control mode is on",
     State.LEAVING: "stopped while tracking: commands the exit mode until it is seen, 1 s at most",
     State.HANDED_OVER: "somebody else has control",
-    State.ABORTED: "engaging did not work out",
+    State.ABORTED: "engaging did not work out, or the flight was aborted",
     State.FINISHED: "the service ends",
 }
 
@@ -111,10 +129,16 @@ CAUSES: Final[dict[Event, str]] = {
     Event.MODE_LEFT: "a mode that the service did not ask for",
     Event.DISARMED: "disarmed without being asked",
     Event.INTERRUPTED: "nothing could be sent, or nothing was heard, for longer than the limit",
-    Event.STEP_TIMEOUT: "a step took longer than `step_timeout_s`",
+    Event.STEP_TIMEOUT: "a step took longer than `step_timeout_s`, or the hold mode than 3 s",
+    Event.HOLD: "the operator commands to hold",
+    Event.HOLD_CONFIRMED: "the hold mode is seen",
+    Event.RESUME: "the operator commands to go on, and every condition is met",
+    Event.ABORT: "the operator commands to abort",
+    Event.GUARD_TRIPPED: "a guard whose action is a mode",
+    Event.GUARD_SILENCES: "a guard whose action is silence",
     Event.RETRY: 'on the ground, 5 s later, and `engage = "auto"` or out of the control mode',
     Event.SHUTDOWN: "SIGTERM or SIGINT",
-    Event.LEFT: "the exit mode is seen, or 1 s has passed",
+    Event.LEFT: "the mode that was commanded is seen, or 1 s has passed",
 }
 
 #: The same in so few words that they fit into a STATUSTEXT of 50 bytes behind any state's name.
@@ -135,6 +159,12 @@ BRIEFS: Final[dict[Event, str]] = {
     Event.DISARMED: "vehicle was disarmed",
     Event.INTERRUPTED: "was interrupted",
     Event.STEP_TIMEOUT: "no success, see log",
+    Event.HOLD: "hold commanded",
+    Event.HOLD_CONFIRMED: "hold confirmed",
+    Event.RESUME: "resume commanded",
+    Event.ABORT: "abort commanded",
+    Event.GUARD_TRIPPED: "a guard, see log",
+    Event.GUARD_SILENCES: "a guard, see log",
     Event.RETRY: "trying again",
     Event.SHUTDOWN: "service stops",
     Event.LEFT: "exit mode or time over",
@@ -178,6 +208,31 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
     (_S.ARMING, _E.INTERRUPTED): _S.HANDED_OVER,
     (_S.TRACKING, _E.INTERRUPTED): _S.HANDED_OVER,
     (_S.TRACKING, _E.LOST): _S.HANDED_OVER,
+    # The operator holds the flight and lets it go on, the whole way through: stream -> mode -> verified.
+    (_S.TRACKING, _E.HOLD): _S.PAUSING,
+    (_S.PAUSING, _E.HOLD_CONFIRMED): _S.HOLDING,
+    (_S.PAUSING, _E.STEP_TIMEOUT): _S.ABORTED,
+    (_S.HOLDING, _E.RESUME): _S.STREAMING,
+    (_S.HOLDING, _E.PILOT_SWITCHED): _S.ARMING,
+    (_S.HOLDING, _E.ABORT): _S.ABORTED,  # the autopilot holds already
+    # The operator or a guard ends it: a mode of the autopilot's, or silence, so that its own failsafe acts.
+    (_S.STREAMING, _E.ABORT): _S.CANCELLING,
+    (_S.SWITCHING, _E.ABORT): _S.CANCELLING,
+    (_S.ARMING, _E.ABORT): _S.CANCELLING,
+    (_S.TRACKING, _E.ABORT): _S.ABORTING,
+    (_S.PAUSING, _E.ABORT): _S.ABORTING,
+    (_S.TRACKING, _E.GUARD_TRIPPED): _S.ABORTING,
+    (_S.PAUSING, _E.GUARD_TRIPPED): _S.ABORTING,
+    (_S.TRACKING, _E.GUARD_SILENCES): _S.ABORTED,
+    (_S.PAUSING, _E.GUARD_SILENCES): _S.ABORTED,
+    (_S.ABORTING, _E.LEFT): _S.ABORTED,
+    (_S.CANCELLING, _E.LEFT): _S.ABORTED,
+    # In all of these the pilot wins, too.
+    **{
+        (state, event): _S.HANDED_OVER
+        for state in (_S.PAUSING, _S.HOLDING, _S.ABORTING, _S.CANCELLING)
+        for event in (_E.MODE_LEFT, _E.DISARMED, _E.LOST)
+    },
     # Back only by a fresh command or a fresh switch; a vehicle that is put down and taken out of the control
     # mode is a new start.
     (_S.HANDED_OVER, _E.COMMANDED): _S.CONNECTED,
@@ -200,6 +255,7 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
     (_S.SWITCHING, _E.SHUTDOWN): _S.BACKING_OUT,
     (_S.ARMING, _E.SHUTDOWN): _S.BACKING_OUT,
     (_S.TRACKING, _E.SHUTDOWN): _S.LEAVING,
+    (_S.PAUSING, _E.SHUTDOWN): _S.LEAVING,
     (_S.BACKING_OUT, _E.LEFT): _S.FINISHED,
     (_S.BACKING_OUT, _E.MODE_LEFT): _S.FINISHED,
     (_S.BACKING_OUT, _E.DISARMED): _S.FINISHED,
@@ -215,6 +271,7 @@ TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
             _S.CONNECTED,
             _S.WITHHELD,
             _S.READY,
+            _S.HOLDING,
             _S.HANDED_OVER,
             _S.ABORTED,
         )

@@ -27,12 +27,14 @@ class Solution(NamedTuple):
 class Tracker:
     """Knows the trajectory's origin and start; both are fixed at the first tracking tick.
 
+    A flight that is held keeps its origin, and `paused_s`, the trajectory's time at which it goes on.
     `allocation` names the actuators that turn the vehicle; it outlives a flight, as a broken actuator does.
     """
 
     def __init__(self, config: Config, profile: Profile) -> None:
         self.start_ns: int | None = None
         self.origin_ned_m: Vec3 | None = None
+        self.paused_s: float | None = None
         self._trajectory = config.trajectory
         self._origin = config.flight.origin
         self.allocation: str = config.law.allocation
@@ -49,10 +51,19 @@ class Tracker:
         """The flight is over; the next one starts anew."""
         self.start_ns = None
         self.origin_ned_m = None
+        self.paused_s = None
+
+    def pause(self, instant_ns: int) -> None:
+        """The flight is held from `instant_ns` on; the next `start` continues it."""
+        if self.start_ns is not None:
+            self.paused_s = (instant_ns - self.start_ns) * 1e-9
+            self.start_ns = None
 
     def start(self, instant_ns: int, origin_ned_m: Vec3) -> None:
-        """t = 0 is at `instant_ns`, and the trajectory's origin here, in the vehicle's local frame."""
-        self.start_ns = instant_ns
+        """t = 0 (after a pause, t = `paused_s`) is at `instant_ns`, and the trajectory's origin here, in the
+        vehicle's local frame."""
+        self.start_ns = instant_ns - round((self.paused_s or 0.0) * 1e9)
+        self.paused_s = None
         self.origin_ned_m = origin_ned_m
         self._memory = UNSTARTED
         self._stepped_ns = instant_ns
@@ -74,6 +85,8 @@ class Tracker:
         self, position_ned_m: Vec3, ekf: GpsGlobalOrigin | None, home: HomePosition | None
     ) -> Vec3 | str:
         """The trajectory's origin in the vehicle's local frame (m), or why it is not known."""
+        if self.origin_ned_m is not None:
+            return self.origin_ned_m
         if self._origin == "ekf":
             return Vec3(0.0, 0.0, 0.0)
         if self._origin == "engage":
@@ -90,8 +103,9 @@ class Tracker:
         return self._profile.project(self._origin, at)
 
     def start_error_m(self, position_ned_m: Vec3, origin_ned_m: Vec3) -> float:
-        """|x - r(0)|, in the plane for a planar vehicle."""
-        error = subtract(position_ned_m, add(origin_ned_m, sample(self._trajectory, 0.0).position))
+        """|x - r| where the flight begins or goes on, in the plane for a planar vehicle."""
+        at = sample(self._trajectory, self.paused_s or 0.0).position
+        error = subtract(position_ned_m, add(origin_ned_m, at))
         return math.hypot(error.x, error.y) if self._profile.planar else norm(error)
 
     def solve(self, estimate: Estimate) -> Solution:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.profiles import Profile
+from guidance.mavlink.profiles import Mode, Profile
 from guidance.mavlink.report import absence
 
 #: More silence than this counts, or half the firmware's own time-out if that is less.
@@ -18,6 +18,14 @@ UNANSWERED_S: Final = 1.0
 STALLED_S: Final = 0.25
 
 
+class Trip(NamedTuple):
+    """A guard that tripped: why, in words, and the mode to command, None to fall silent."""
+
+    guard: str
+    reason: str
+    mode: Mode | None
+
+
 class View(NamedTuple):
     """What the supervisor can see. `blocked` is the first unmet condition in words, None if there is none.
 
@@ -25,6 +33,7 @@ class View(NamedTuple):
     time since the last setpoint; `answer` the last refusal of a mode or arming command; `heartbeat_ns` the
     instant of the last HEARTBEAT. `unheard_s` and `certain` are `Contact`'s; `unanswered_s` is the age of the
     newest packet of ours that the autopilot has answered: what was sent since may never have arrived.
+    `trip` is the guard that tripped, if one did.
     """
 
     connected: bool
@@ -40,6 +49,7 @@ class View(NamedTuple):
     unheard_s: float
     certain: bool
     unanswered_s: float = 0.0
+    trip: Trip | None = None
 
 
 class Contact:
@@ -115,6 +125,7 @@ def seen(
     setpoints_sent: int,
     sent_ns: int | None,
     answer: str,
+    trip: Trip | None = None,
 ) -> View:
     """What the link shows now; `sent_ns` is when the last setpoint was sent, None if none was."""
     connected = link.connected(now_ns)
@@ -132,6 +143,7 @@ def seen(
         unheard_s=contact.unheard_s,
         unanswered_s=link.uplink_age_s(now_ns) or 0.0,
         certain=contact.certain,
+        trip=trip,
     )
 
 

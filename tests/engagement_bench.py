@@ -39,6 +39,10 @@ class Bench(NamedTuple):
         """Why."""
         return self.it.reason
 
+    def streams(self) -> bool:
+        """Whether setpoints may flow."""
+        return self.it.streaming
+
     def command(self) -> object:
         """What would be commanded now."""
         return self.it.due_command(self.views[0], self.now_ns[0])

@@ -2,8 +2,10 @@
 
 - TRACKING begins only in an update that saw the control mode, armed, connected and nothing blocked.
 - A mode or disarm that nobody asked for while TRACKING hands over in the same update.
-- After a hand-over nothing engages without an accepted command that is still young or a switch that was seen,
-  whatever `engage` says.
+- While PAUSING or HOLDING any mode but those two, a lost link or (PAUSING) a disarm hands over at once.
+- HOLDING goes on only by a command to resume that is young, or a switch that was seen.
+- After a hand-over, a hold, an abort or a guard nothing engages without an accepted command that is still
+  young or a switch that was seen, whatever `engage` says.
 - Arming is commanded only if configured, in ARMING, in the control mode and with nothing blocked.
 - Nothing streams before mode and arming are known, nor on a PX4 that might obey without anybody having
   asked, nor at all after a hand-over from `engage = "auto"`.
@@ -26,14 +28,25 @@ from guidance.engagement import Change, Engagement
 from guidance.mavlink.messages import CommandAck
 from guidance.mavlink.profiles import Mode, Profile
 from guidance.supervisor import SETPOINTS, Event, Setpoints, State
-from guidance.view import View
+from guidance.view import Trip, View
 from tests.engagement_bench import BOTH, S, mode
 
 STEP_S: Final = 2.0
 ENGAGED: Final = frozenset({State.STREAMING, State.SWITCHING, State.ARMING, State.TRACKING})
-COMMAND_OF: Final = {State.SWITCHING: 176, State.ARMING: 400}
+COMMAND_OF: Final = {
+    State.SWITCHING: 176,
+    State.ARMING: 400,
+    State.PAUSING: 176,
+    State.ABORTING: 176,
+}
 #: What the random walks came across, so that none of the properties holds for want of examples.
 seen: Counter[str] = Counter()
+
+
+HAPPENS: Final = (
+    "tracking", "taken over", "armed", "again", "accepted", "silence", "resumed", "hold taken over"
+)  # fmt: skip
+SPENT: Final = (State.HANDED_OVER, State.PAUSING, State.ABORTING, State.CANCELLING)
 
 
 class Step(NamedTuple):
@@ -44,16 +57,20 @@ class Step(NamedTuple):
     change: str
 
 
-ACTS: Final = ["", "", "", "", "", "", "engage"]
+ACTS: Final = [*9 * [""], "engage", "engage", "hold", "hold", "resume", "abort"]
 CHANGES: Final = [
     "nothing", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate", "cooperate",
     "stream", "obey", "arm", "disarm", "control mode", "other mode", "third mode", "mode unknown",
     "intend control", "intend other", "intend unknown", "block", "unblock", "lose", "find", "silence",
-    "quiet", "heard again", "heartbeat", "accept", "accept",
+    "quiet", "heard again", "heartbeat", "accept", "accept", "trip", "trip to silence", "untrip",
 ]  # fmt: skip
 STEPS: Final = st.builds(
     Step, st.sampled_from([0.02, 0.05, 0.3, 1.0, 2.5]), st.sampled_from(ACTS), st.sampled_from(CHANGES)
 )
+
+
+#: An ordinary way into flight, so that much happens there, too.
+TAKE_OFF: Final = [Step(0.05, "engage" * (i == 1), "cooperate") for i in range(8)]
 
 
 class Walk:
@@ -68,6 +85,7 @@ class Walk:
         self.now_ns = S
         self.wanted: Mode | bool | None = None
         self.young_until_ns = 0
+        self.resume_until_ns = 0
         self.auto_allowed = True
         self.last_mode: int | None = None
         self.obeyed_in: State | None = None
@@ -92,6 +110,9 @@ class Walk:
             "lose": {"connected": False},
             "find": {"connected": True},
             "silence": {"silent_s": 100.0},
+            "trip": {"trip": Trip("speed", "too fast", self.profile.mode("manual"))},
+            "trip to silence": {"trip": Trip("speed", "too fast", None)},
+            "untrip": {"trip": None},
             "quiet": {"unheard_s": 100.0, "certain": False},
             "heard again": {"unheard_s": 0.0},
             "heartbeat": {"heartbeat_ns": self.now_ns, "certain": self.view.unheard_s == 0.0},
@@ -99,7 +120,7 @@ class Walk:
         if name in simple:
             self.view = self.view._replace(**simple[name])  # type: ignore[arg-type]
         elif name == "cooperate":
-            for good in ("find", "unblock", "heard again", "heartbeat", "stream", "obey"):
+            for good in ("find", "unblock", "untrip", "heard again", "heartbeat", "stream", "obey"):
                 self.change(good)
             if self.it.state is State.ARMING:
                 self.change("arm")
@@ -119,8 +140,7 @@ class Walk:
         """Let it happen, and hold the invariants against what follows."""
         self.now_ns += round(step.dt_s * S)
         self.change(step.change)
-        if step.act == "engage" and self.it.engage(self.now_ns) is None:
-            self.young_until_ns = self.now_ns + round(self.config.step_timeout_s * S)
+        self.act(step.act)
         view, before = self.view, self.it.state
         switched = self.last_mode not in (None, self.control) and view.custom_mode == self.control
         switched = switched and view.certain
@@ -140,6 +160,20 @@ class Walk:
         if self.wanted == self.profile.control_mode:
             assert self.it.state is State.SWITCHING
 
+    def act(self, name: str) -> None:
+        """The operator commands."""
+        until_ns = self.now_ns + round(self.config.step_timeout_s * S)
+        if name == "engage" and self.it.engage(self.now_ns) is None:
+            self.young_until_ns = until_ns
+        elif name == "hold":
+            self.it.hold(self.now_ns)
+        elif name == "resume" and self.it.resume(self.now_ns) is None:
+            self.resume_until_ns = until_ns
+        elif name == "abort":
+            refused = self.it.abort(self.now_ns)
+            if refused is None and self.it.state in (State.CONNECTED, State.READY):
+                self.auto_allowed, self.young_until_ns = False, 0
+
     def check_stream(self, view: View) -> None:
         """Nothing streams after a silence, unless what matters is known again."""
         timeout_s = self.profile.stream_timeout_s
@@ -150,6 +184,13 @@ class Walk:
             assert view.unheard_s <= timeout_s or not self.it.streaming
             known = self.it.state is State.STREAMING and not view.armed and view.certain
             assert view.silent_s <= timeout_s or known or not self.it.streaming
+
+    def taken_over(self) -> bool:
+        """Whether what is seen takes a vehicle that is held, or about to be, from the service."""
+        return not self.view.connected or self.view.custom_mode not in (
+            mode(self.profile, "hold"),
+            self.control,  # on its way to hold, or a switch
+        )
 
     def check(self, before: State, changes: list[Change], switched: bool) -> None:
         """The invariants of one update."""
@@ -163,7 +204,18 @@ class Walk:
             seen["taken over"] += 1
             assert changes[0].after is State.HANDED_OVER
             assert self.it.state not in ENGAGED
+        if before in (State.PAUSING, State.HOLDING) and self.taken_over():
+            seen["hold taken over"] += 1
+            assert changes[0].after is State.HANDED_OVER
         for change in changes:
+            if change.event is Event.RESUME:
+                seen["resumed"] += 1
+                assert self.now_ns < self.resume_until_ns
+                assert (view.connected, view.blocked) == (True, None)
+            if change.before in (State.PAUSING, State.HOLDING):
+                self.resume_until_ns = 0 if change.after is not State.HOLDING else self.resume_until_ns
+            if change.after in SPENT or change.event in (Event.ABORT, Event.GUARD_SILENCES):
+                self.auto_allowed = False
             if change.after is State.TRACKING:
                 seen["tracking"] += 1
                 assert (view.connected, view.armed, view.blocked) == (True, True, None)
@@ -173,7 +225,10 @@ class Walk:
                 self.young_until_ns = 0
             if change.after in ENGAGED and change.before not in ENGAGED:
                 commanded = self.now_ns < self.young_until_ns
-                assert switched or commanded or (self.config.engage == "auto" and self.auto_allowed)
+                resumed = change.event is Event.RESUME
+                assert (
+                    resumed or switched or commanded or (self.config.engage == "auto" and self.auto_allowed)
+                )
                 assert view.custom_mode is not None
                 assert view.armed is not None
                 self.attempt_ns, self.attempt_sent = self.now_ns, view.setpoints_sent
@@ -216,12 +271,12 @@ def test_the_invariants_hold_whatever_happens(profile: Profile, engage: str) -> 
     seen.clear()
 
     @settings(max_examples=250)
-    @given(st.booleans(), st.booleans(), st.lists(STEPS, min_size=10, max_size=60))
-    def explore(arm: bool, shutdown: bool, steps: list[Step]) -> None:
-        walk(profile, engage, arm, shutdown, steps)
+    @given(st.booleans(), st.booleans(), st.booleans(), st.lists(STEPS, min_size=10, max_size=60))
+    def explore(arm: bool, flying: bool, shutdown: bool, steps: list[Step]) -> None:
+        walk(profile, engage, arm, shutdown, [*(TAKE_OFF if flying else []), *steps])
 
     explore()
-    for what in ("tracking", "taken over", "armed", "again", "accepted", "silence", *State):
+    for what in (*HAPPENS, *State):
         assert seen[what] > 0, f"no example came across {what}: {seen}"
     if engage == "pilot":
         assert (seen["offered"] > 0) is profile.needs_stream

@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
-from guidance.engagement import ESTABLISHED_AFTER, LEAVE_S, RETRY_S, UNDER_WAY_S
+from guidance.engagement import ESTABLISHED_AFTER, RETRY_S
+from guidance.leaving import LEAVE_S
 from guidance.mavlink.profiles import Profile
 from guidance.supervisor import Event, State
+from guidance.takeover import UNDER_WAY_S
 from guidance.view import silence_limit_s
 from tests.engagement_bench import BOTH, PX4, ROVER, bench, mode, ways
 

@@ -49,6 +49,7 @@ EXPECTED: Final[dict[str, dict[str, str]]] = {
         "disarmed": "handed-over",
         "interrupted": "handed-over",
         "lost": "disconnected",
+        "abort": "cancelling",
         "shutdown": "backing-out",
     },
     "switching": {
@@ -58,6 +59,7 @@ EXPECTED: Final[dict[str, dict[str, str]]] = {
         "disarmed": "handed-over",
         "interrupted": "handed-over",
         "lost": "handed-over",
+        "abort": "cancelling",
         "shutdown": "backing-out",
     },
     "arming": {
@@ -67,14 +69,51 @@ EXPECTED: Final[dict[str, dict[str, str]]] = {
         "disarmed": "handed-over",
         "interrupted": "handed-over",
         "lost": "handed-over",
+        "abort": "cancelling",
         "shutdown": "backing-out",
     },
     "tracking": {
+        "hold": "pausing",
+        "abort": "aborting",
+        "guard-tripped": "aborting",
+        "guard-silences": "aborted",
         "mode-left": "handed-over",
         "disarmed": "handed-over",
         "interrupted": "handed-over",
         "lost": "handed-over",
         "shutdown": "leaving",
+    },
+    "pausing": {
+        "hold-confirmed": "holding",
+        "step-timeout": "aborted",
+        "abort": "aborting",
+        "guard-tripped": "aborting",
+        "guard-silences": "aborted",
+        "mode-left": "handed-over",
+        "disarmed": "handed-over",
+        "lost": "handed-over",
+        "shutdown": "leaving",
+    },
+    "holding": {
+        "resume": "streaming",
+        "pilot-switched": "arming",
+        "abort": "aborted",
+        "mode-left": "handed-over",
+        "disarmed": "handed-over",
+        "lost": "handed-over",
+        "shutdown": "finished",
+    },
+    "aborting": {
+        "left": "aborted",
+        "mode-left": "handed-over",
+        "disarmed": "handed-over",
+        "lost": "handed-over",
+    },
+    "cancelling": {
+        "left": "aborted",
+        "mode-left": "handed-over",
+        "disarmed": "handed-over",
+        "lost": "handed-over",
     },
     "backing-out": {"left": "finished", "mode-left": "finished", "disarmed": "finished", "lost": "finished"},
     "leaving": {"left": "finished", "mode-left": "finished", "disarmed": "finished", "lost": "finished"},
@@ -104,6 +143,10 @@ STREAMED: Final = {
     "switching": "neutral",
     "arming": "neutral",
     "tracking": "law",
+    "pausing": "law",
+    "holding": "none",
+    "aborting": "law",
+    "cancelling": "neutral",
     "backing-out": "neutral",
     "leaving": "law",
     "handed-over": "none",
@@ -159,16 +202,17 @@ NOT_OURS: Final = (
     State.CONNECTED,
     State.WITHHELD,
     State.READY,
+    State.HOLDING,
     State.HANDED_OVER,
     State.ABORTED,
 )
-FRESH: Final = {Event.ENGAGE, Event.COMMANDED, Event.PILOT_SWITCHED}
+FRESH: Final = {Event.ENGAGE, Event.COMMANDED, Event.RESUME, Event.PILOT_SWITCHED}
 
 
 @pytest.mark.parametrize("state", NOT_OURS)
 def test_only_a_command_or_a_switch_leads_from_the_pilots_hands_to_the_law(state: State) -> None:
     flown = {state for state in State if SETPOINTS[state] is Setpoints.LAW}
-    assert flown == {State.TRACKING, State.LEAVING}
+    assert flown == {State.TRACKING, State.PAUSING, State.ABORTING, State.LEAVING}
     assert flown <= reachable(state)
     assert not flown & reachable(state, without=FRESH)
 

@@ -107,7 +107,7 @@ def test_a_number_that_is_not_finite_is_not_usable() -> None:
     fly_until_tracking(flight)
     flight.run(1.0, until=lambda: flight.guide.tracker.start_ns is not None)
     guide = flight.guide
-    estimate = guide._estimate(flight.now_ns)
+    estimate = guide.steering.estimate(flight.now_ns)
     assert not isinstance(estimate, str)
     solution = guide.tracker.solve(estimate)
     assert is_usable(solution)

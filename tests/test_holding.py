@@ -1,0 +1,326 @@
+"""Holding, resuming and aborting: with views made by hand, then in flight with both firmwares."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from guidance.leaving import LEAVE_S, PAUSE_S
+from guidance.mavlink.messages import CommandAck
+from guidance.mavlink.profiles import Profile
+from guidance.records import Reference, TrackingError
+from guidance.supervisor import Event, State
+from guidance.takeover import UNDER_WAY_S
+from guidance.view import Trip
+from sitl.lockstep import Lockstep
+from tests.engagement_bench import BOTH, PX4, ROVER, Bench, bench, mode, ways
+from tests.helpers import events_of, fly_until, fly_until_tracking, records_of, setpoints_since, state_of
+from tests.pilot import BOTH as FIRMWARES
+from tests.pilot import DEAD, NAMES, tracking
+
+
+def held(profile: Profile, engage: str = "pilot") -> Bench:
+    """A bench whose flight is held."""
+    it = bench(profile, engage, arm=True)
+    it.reach_auto() if engage == "auto" else it.reach(State.TRACKING)
+    assert it.it.hold(it.now_ns[0]) is None
+    it.see()
+    it.see(custom_mode=mode(profile, "hold"), intended_mode=mode(profile, "hold"))
+    assert it.state() is State.HOLDING
+    return it
+
+
+@BOTH
+def test_hold_commands_the_mode_until_it_is_seen_and_then_nothing_more(profile: Profile) -> None:
+    it = bench(profile)
+    it.reach(State.TRACKING)
+    assert it.it.hold(it.now_ns[0]) is None
+    assert ways(it.see()) == [(State.PAUSING, Event.HOLD)]
+    assert [it.command(), it.command()] == [profile.mode("hold"), None]
+    assert it.streams()
+    it.see(0.2)
+    assert it.command() == profile.mode("hold")
+    assert it.it.hold(it.now_ns[0]) is None  # as asked already
+    assert ways(it.see(custom_mode=mode(profile, "hold"))) == [(State.HOLDING, Event.HOLD_CONFIRMED)]
+    assert not it.streams()
+    for _ in range(100):
+        assert it.see(1.0) == []
+        assert it.command() is None
+    assert it.reason() == "hold is on: resume or abort"
+    assert it.it.hold(it.now_ns[0]) is None
+
+
+@BOTH
+def test_a_hold_that_was_accepted_is_not_commanded_again_lest_it_overrules_the_pilot(
+    profile: Profile,
+) -> None:
+    it = bench(profile)
+    it.reach(State.TRACKING)
+    it.it.hold(it.now_ns[0])
+    it.see()
+    assert it.command() == profile.mode("hold")
+    it.it.answered(CommandAck(176, 0, 255, 191), it.now_ns[0])
+    it.see(0.5)
+    assert it.command() is None
+    it.it.answered(CommandAck(176, 2, 255, 191), it.now_ns[0])  # PX4's second answer: denied after all
+    assert it.command() == profile.mode("hold")
+
+
+@BOTH
+def test_a_hold_mode_that_is_never_seen_ends_in_silence(profile: Profile) -> None:
+    it = bench(profile, "auto", arm=True)
+    it.reach_auto()
+    it.it.hold(it.now_ns[0])
+    it.see()
+    assert it.see(PAUSE_S - 0.001) == []
+    assert it.streams()
+    assert ways(it.see(0.001)) == [(State.ABORTED, Event.STEP_TIMEOUT)]
+    assert it.reason() == "hold not confirmed within 3 s"
+    assert not it.streams()
+    it.see(armed=False)
+    it.see(60.0)
+    it.see(60.0)
+    assert it.state() is not State.STREAMING  # auto is spent
+
+
+@BOTH
+def test_resume_goes_the_whole_way_again(profile: Profile) -> None:
+    control = profile.control_mode
+    it = held(profile)
+    assert it.it.resume(it.now_ns[0]) is None
+    assert ways(it.see()) == [(State.STREAMING, Event.RESUME)]
+    assert it.it.resume(it.now_ns[0]) is None  # as asked already
+    sent = it.views[0].setpoints_sent
+    assert ways(it.see(setpoints_sent=sent + 10)) == [(State.SWITCHING, Event.STREAM_ESTABLISHED)]
+    assert it.command() == control
+    assert ways(it.see(custom_mode=control.custom_mode)) == [
+        (State.ARMING, Event.MODE_CONFIRMED),
+        (State.TRACKING, Event.IN_CONTROL),
+    ]
+    assert it.it.resume(it.now_ns[0]) is None
+
+
+@BOTH
+def test_resume_waits_for_a_condition_and_is_given_up(profile: Profile) -> None:
+    it = held(profile)
+    assert it.it.resume(it.now_ns[0]) is None
+    assert it.see(blocked="12.0 m from where the flight was held") == []
+    assert it.reason() == "12.0 m from where the flight was held"
+    it.see(5.0)
+    said = it.it.expired(it.now_ns[0])
+    assert said == "resume given up after 5 s: 12.0 m from where the flight was held"
+    assert it.see(blocked=None) == []
+    assert it.state() is State.HOLDING
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "seen",
+    [{"custom_mode": "manual"}, {"armed": False}, {"connected": False}],
+    ids=["mode", "disarm", "lost"],
+)
+@pytest.mark.parametrize("state", [State.PAUSING, State.HOLDING, State.ABORTING, State.CANCELLING])
+def test_the_pilot_wins_in_each_of_these_states_and_for_good(
+    profile: Profile, state: State, seen: dict[str, Any]
+) -> None:
+    it = bench(profile, "auto", arm=True)
+    if state is State.HOLDING:
+        it = held(profile, "auto")
+    elif state is State.CANCELLING:
+        it.see()
+        it.see(setpoints_sent=10, armed=True)
+        assert it.it.abort(it.now_ns[0]) is None
+    else:
+        it.reach_auto()
+        order = it.it.hold if state is State.PAUSING else it.it.abort
+        assert order(it.now_ns[0]) is None
+    it.see()
+    assert it.state() is state
+    changed = {k: mode(profile, v) if k == "custom_mode" else v for k, v in seen.items()}
+    assert it.see(**changed)[0].after is State.HANDED_OVER
+    it.see(connected=True, intended_mode=mode(profile, "manual"), custom_mode=mode(profile, "manual"))
+    it.see(armed=False)
+    for _ in range(100):
+        it.see(1.0)
+        assert it.state() in (State.HANDED_OVER, State.CONNECTED, State.READY)
+    assert it.it.resume(it.now_ns[0]) is not None
+
+
+def test_a_rovers_pilot_resumes_by_a_switch_and_px4s_hands_over() -> None:
+    for profile, after in [(ROVER, State.TRACKING), (PX4, State.HANDED_OVER)]:
+        it = held(profile)
+        it.see(UNDER_WAY_S)
+        it.see(custom_mode=profile.control_mode.custom_mode)
+        assert it.state() is after
+
+
+@BOTH
+def test_abort_while_tracking_commands_the_exit_mode_and_auto_stays_out(profile: Profile) -> None:
+    it = bench(profile, "auto", arm=True)
+    it.reach_auto()
+    assert it.it.abort(it.now_ns[0]) is None
+    assert ways(it.see()) == [(State.ABORTING, Event.ABORT)]
+    assert it.it.abort(it.now_ns[0]) is None
+    assert it.command() == profile.mode("hold")
+    hold = mode(profile, "hold")
+    assert ways(it.see(custom_mode=hold, intended_mode=hold)) == [(State.ABORTED, Event.LEFT)]
+    assert it.it.abort(it.now_ns[0]) is None
+    it.see(armed=False)
+    for _ in range(100):
+        it.see(1.0)
+        assert it.state() in (State.ABORTED, State.CONNECTED, State.READY)
+    assert it.engage() is None
+    it.see()
+    assert it.state() is State.STREAMING
+
+
+@BOTH
+@pytest.mark.parametrize("state", [State.STREAMING, State.SWITCHING, State.ARMING])
+def test_abort_while_engaging_backs_out(profile: Profile, state: State) -> None:
+    it = bench(profile)
+    it.reach(state)
+    assert it.it.abort(it.now_ns[0]) is None
+    assert ways(it.see()) == [(State.CANCELLING, Event.ABORT)]
+    in_control = state is State.ARMING
+    assert it.command() == (profile.mode("hold") if in_control else None)
+    assert it.see(LEAVE_S - 0.001) == []
+    assert ways(it.see(0.001)) == [(State.ABORTED, Event.LEFT)]
+
+
+@BOTH
+def test_abort_before_engaging_takes_the_command_back(profile: Profile) -> None:
+    for engage in ("pilot", "auto"):
+        it = bench(profile, engage, blocked="too far")
+        it.see()
+        assert it.engage() is None
+        assert it.it.abort(it.now_ns[0]) is None
+        it.see(blocked=None)
+        it.see(60.0)
+        assert it.state() is State.READY
+
+
+@BOTH
+def test_abort_while_holding_leaves_the_vehicle_to_its_hold_mode(profile: Profile) -> None:
+    it = held(profile)
+    assert it.it.abort(it.now_ns[0]) is None
+    assert ways(it.see()) == [(State.ABORTED, Event.ABORT)]
+    assert it.command() is None
+
+
+@BOTH
+def test_what_cannot_be_obeyed_is_refused_with_the_reason(profile: Profile) -> None:
+    it = bench(profile)
+    assert it.it.hold(0) == "hold refused: disconnected: no heartbeat of the autopilot yet"
+    it.see()
+    assert it.it.hold(0) == "hold refused: ready: not tracking"
+    assert it.it.resume(0) == "resume refused: ready: nothing is held"
+    it = held(profile)
+    assert it.engage() == "engage refused: holding: it has not ended: resume, or abort first"
+    it.see(custom_mode=mode(profile, "manual"))
+    assert it.it.abort(0) == "abort refused: handed-over: the service has no control"
+    it.it.shutdown()
+    assert it.it.resume(0) == "resume refused: the service is shutting down"
+
+
+@BOTH
+@pytest.mark.parametrize("state", [State.TRACKING, State.PAUSING])
+@pytest.mark.parametrize("name", ["manual", None])
+def test_a_guard_commands_its_mode_or_falls_silent(profile: Profile, state: State, name: str | None) -> None:
+    it = bench(profile, "auto", arm=True)
+    it.reach_auto()
+    if state is State.PAUSING:
+        it.it.hold(it.now_ns[0])
+        it.see()
+    wanted = None if name is None else profile.mode(name)
+    changes = it.see(trip=Trip("speed", "too fast", wanted))
+    event, after = (
+        (Event.GUARD_SILENCES, State.ABORTED) if name is None else (Event.GUARD_TRIPPED, State.ABORTING)
+    )
+    assert ways(changes) == [(after, event)]
+    assert changes[0].reason == "too fast"
+    assert it.streams() is (name is not None)
+    assert it.command() == wanted
+    manual = mode(profile, "manual")
+    it.see(custom_mode=manual, intended_mode=manual)
+    assert it.state() is State.ABORTED
+    it.see(armed=False, trip=None)
+    for _ in range(100):
+        it.see(1.0)
+        assert it.state() in (State.ABORTED, State.CONNECTED, State.READY)
+
+
+@BOTH
+def test_the_pilots_act_comes_before_a_guard_and_an_order(profile: Profile) -> None:
+    it = bench(profile)
+    it.reach(State.TRACKING)
+    it.it.abort(it.now_ns[0])
+    it.see(custom_mode=mode(profile, "manual"), trip=Trip("speed", "too fast", profile.mode("hold")))
+    assert it.state() is State.HANDED_OVER
+    assert it.command() is None
+
+
+# In flight ---------------------------------------------------------------------------------------
+
+
+def order(flight: Lockstep, name: str) -> None:
+    """An operator's order, which must be accepted."""
+    assert getattr(flight.guide.engagement, name)(flight.now_ns) is None
+
+
+@FIRMWARES
+def test_a_held_flight_stands_still_and_goes_on_where_it_was(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(firmware)
+    flight.run(10.0)
+    order(flight, "hold")
+    fly_until(flight, State.HOLDING)
+    held_ns, paused_s = flight.now_ns, flight.guide.tracker.paused_s
+    last = records_of(flight, Reference)[-1]
+    assert paused_s == pytest.approx(last.trajectory_s, abs=0.05)
+    assert flight.vehicle.mode in NAMES["hold"]
+    flight.run(20.0)
+    assert state_of(flight) is State.HOLDING
+    assert setpoints_since(flight, held_ns) == []
+    order(flight, "resume")
+    fly_until_tracking(flight)
+    flight.run(0.1)
+    first = records_of(flight, Reference, since_ns=held_ns + 1_000_000_000)[0]
+    assert first.trajectory_s == pytest.approx(paused_s, abs=0.03)
+    assert first.position_ned_m == pytest.approx(last.position_ned_m, abs=0.1)
+    flight.run(10.0)
+    errors = [error.norm_m for error in records_of(flight, TrackingError, since_ns=flight.now_ns - 10**9)]
+    assert max(errors) < 0.1
+    assert flight.guide.tracker.start_ns is not None
+
+
+@FIRMWARES
+def test_abort_in_flight_ends_in_the_exit_mode_and_a_new_flight_begins_anew(
+    firmware: tuple[str, ...],
+) -> None:
+    flight, _ = tracking(firmware, "supervisor.engage_max_error_m=100")
+    order(flight, "abort")
+    fly_until(flight, State.ABORTED)
+    aborted_ns = flight.now_ns
+    assert flight.vehicle.mode in NAMES["hold"]
+    flight.run(20.0)
+    assert setpoints_since(flight, aborted_ns) == []
+    assert state_of(flight) is State.ABORTED
+    assert "aborting: the operator aborts" in events_of(flight)
+    order(flight, "engage")
+    fly_until_tracking(flight)
+    flight.run(0.1)
+    assert records_of(flight, Reference, since_ns=aborted_ns + 10**9)[0].trajectory_s == pytest.approx(0.0)
+
+
+@FIRMWARES
+def test_a_hold_over_a_dead_link_falls_silent_and_takes_nothing_back(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(firmware)
+    order(flight, "hold")
+    flight.to_guide = flight.to_vehicle = DEAD
+    flight.run(5.0)
+    assert state_of(flight) is not State.TRACKING
+    resumed_ns = flight.now_ns
+    flight.to_guide = flight.to_vehicle = flight.to_guide._replace(loss=0.0)
+    flight.run(20.0)
+    assert setpoints_since(flight, resumed_ns) == []
+    assert state_of(flight) is not State.TRACKING

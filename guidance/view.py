@@ -34,7 +34,7 @@ class View(NamedTuple):
     `intended_mode` is None where nobody says it: then the control mode cannot be excluded. `silent_s` is the
     time since the last setpoint; `answer` the last refusal of a mode or arming command; `heartbeat_ns` the
     instant of the last HEARTBEAT. `unheard_s`, `certain` and `settled` are `Contact`'s; `unanswered_s` is the
-    age of the newest packet of ours that the autopilot has answered: what was sent since may never have arrived.
+    age of the newest packet of ours that was answered: what was sent since may never have arrived.
     `trip` is the guard that tripped, if one did.
     """
 

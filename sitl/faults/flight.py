@@ -39,9 +39,14 @@ _LOOK_NS: Final = 20_000_000
 _LOUD: Final = (Level.WARNING, Level.ERROR, Level.CRITICAL)
 
 
+def settings(firmware: Firmware) -> tuple[str, ...]:
+    """What makes the demo's configuration one for this firmware, as `--set` takes it."""
+    return (*COMMON, *BY_FIRMWARE[firmware])
+
+
 def configured(firmware: Firmware, *overrides: str) -> Config:
     """The demo's configuration for this firmware, with overrides as `--set` takes them."""
-    return load(DEMO, [*COMMON, *BY_FIRMWARE[firmware], *overrides])
+    return load(DEMO, [*settings(firmware), *overrides])
 
 
 class Flight:

@@ -96,7 +96,7 @@ async def _fill_disk(rig: Rig) -> list[str]:
     # No file of the process may grow any more: to it the same as a full disk, and anybody may do it.
     size = sum(path.stat().st_size for path in rig.directory.glob("logs/*"))
     resource.prlimit(rig.pid("service"), resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
-    await rig.says_anew("log", said)
+    await rig.says_anew("ends early", said)
     await asyncio.sleep(3.0)
     return _flies_on(rig, begun_ns, _SHORT_GAP_S)
 

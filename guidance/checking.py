@@ -109,8 +109,15 @@ def _fits(value: Any, hint: Any) -> bool:
         converted = msgspec.convert(value, hint)
     except (msgspec.ValidationError, ValueError, OverflowError):
         return False
-    numbers = converted if isinstance(converted, tuple) else (converted,)
-    return not any(isinstance(number, float) and not math.isfinite(number) for number in numbers)
+    return all(math.isfinite(number) for number in _numbers(converted))
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, tuple):
+        for part in value:
+            yield from _numbers(part)
+    elif isinstance(value, float):
+        yield value
 
 
 def _structs(hint: Any) -> list[type[msgspec.Struct]]:
@@ -151,6 +158,8 @@ def allowed(hint: Any) -> str:
     if origin in (Union, types.UnionType):
         return " or ".join(allowed(part) for part in arguments if part is not type(None))
     if origin is tuple:
+        if arguments[-1] is Ellipsis and get_origin(arguments[0]) is tuple:
+            return "a list of pairs of numbers"
         if arguments[-1] is Ellipsis:
             of = get_args(arguments[0])[1:] if get_origin(arguments[0]) is Annotated else ()
             return "a list of texts" + "".join(_described(meta) for meta in of if isinstance(meta, Meta))

@@ -19,6 +19,7 @@ from guidance.checking import ConfigError as ConfigError  # raised here, so foun
 from guidance.checking import Places, Problem, named, one_of, override, problems, shown
 from guidance.connection import parse_connection as parse_connection
 from guidance.feasibility import infeasible
+from guidance.guard_limits import GuardsConfig, guard_conflicts
 from guidance.mavlink.profiles import PROFILES, Profile
 from guidance.trajectory import Trajectory
 from guidance.tuning import LEAST_RATE_RAD_S, NonNegative, Positive, Speed, cannot_allocate, conflicts
@@ -126,6 +127,7 @@ class Config(_Section, frozen=True, kw_only=True):
     limits: LimitsConfig
     flight: Flight
     trajectory: Trajectory
+    guards: GuardsConfig = GuardsConfig()
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
 
@@ -210,6 +212,7 @@ def _conflicts(config: Config) -> Iterator[Problem]:
         yield Problem("vehicle.profile", f" = {shown(name)}: must be {one_of(sorted(PROFILES), name)}")
         return  # what the others may be is not known
     yield from _profile_conflicts(config, profile)
+    yield from guard_conflicts(config.guards, profile, config.trajectory, config.flight.origin)
     full_m_s = config.vehicle.speed_at_full_thrust_m_s
     yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar)
 

@@ -22,6 +22,7 @@ from guidance.commanding import command_of
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimator
+from guidance.guarding import Guards
 from guidance.intake import streams_at, take_state
 from guidance.leaving import LEAVING
 from guidance.mavlink.line import LineWatch
@@ -39,14 +40,13 @@ from guidance.mavlink.messages import (
 )
 from guidance.mavlink.report import link_record
 from guidance.mavlink.signing import Signing, SigningClock
-from guidance.mavlink.streams import Stream
 from guidance.orders import obey, reported
 from guidance.readiness import first_unmet
 from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
 from guidance.reporting import Cadence, News, setpoint_records, state_record, status_record
 from guidance.requests import ENGAGING
 from guidance.steering import Sent, Steering
-from guidance.supervisor import SETPOINTS, Setpoints, State, status_text
+from guidance.supervisor import GUARDED, SETPOINTS, Setpoints, State, status_text
 from guidance.timing import LoopTiming
 from guidance.tracker import Tracker
 from guidance.view import seen
@@ -71,11 +71,12 @@ class Guide:
         self.config = config
         self.profile = profile_of(config)
         self.connection = parse_connection(config.link.connection)
+        wanted = partial(streams_at, config=config, profile=self.profile, connection=self.connection)
         self.link = AutopilotLink(
             config.vehicle.system_id,
             config.vehicle.component_id,
             config.link.heartbeat_timeout_s,
-            self._streams_at(config.link.rate_hz),
+            wanted(config.link.rate_hz),
             byte_stream=self.connection.byte_stream,
             signing=signing,
         )
@@ -84,10 +85,11 @@ class Guide:
         self.timing = LoopTiming()
         self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it,
         self.dropped_packets = 0  # nor on this
-        self._line = LineWatch(self.connection, config.link.rate_hz, self._streams_at)
+        self._line = LineWatch(self.connection, config.link.rate_hz, wanted)
         self._estimator = Estimator(self.profile.project)
+        self.guards = Guards(config, self.profile, self.link, self.tracker)
         self.steering = Steering(
-            config, self.profile, self.connection, self.link, self.tracker, self._estimator
+            config, self.profile, self.connection, self.link, self.tracker, self._estimator, self.guards
         )
         self._news = News()
         self._cadence = Cadence()
@@ -154,13 +156,9 @@ class Guide:
                 if event.kind is InputKind.LINK_UP:
                     self.link.reader.forget()
                     self._records += self._line.opened(now_ns)
-        packets = self.link.outbox.drain()
-        if packets:
+        if packets := self.link.outbox.drain():
             self._packets += packets
             self._put_off.append(partial(self._tell_packets, packets, event))
-
-    def _streams_at(self, rate_hz: float) -> list[Stream]:
-        return streams_at(rate_hz, self.config, self.profile, self.connection)
 
     # Outputs -----------------------------------------------------------------------------------------
 
@@ -197,6 +195,7 @@ class Guide:
         if self.link.reboots != self._reboots:
             self._reboots = self.link.reboots
             self._estimator.reset()
+            self.guards.rebooted()
             self._event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
             self._watch_ns = now_ns
         if isinstance(body, StateBody):
@@ -205,6 +204,7 @@ class Guide:
         stream = self.link.streams.get(received.name)
         if stream is not None:
             stream.arrived(now_ns, valid=True)
+        self.guards.heard(body)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)
@@ -227,12 +227,16 @@ class Guide:
         self.link.tick(now_ns)
         if self._estimator.news:  # here, where all that waited has been read
             self._records += self._news.events(self._estimator.news, now_ns)
+            self.guards.happened(self._estimator.news)
+            self._watch_ns = now_ns
             self._estimator.news.clear()
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS
             self._supervise(now_ns)
         if self.engagement.streaming and now_ns >= self.steering.pace.due_ns:
             self._setpoint(now_ns)
+            if self.guards.trip is not None:
+                self._supervise(now_ns)
         self._put_off.append(partial(self._tell_periodic, now_ns))
 
     def _catch_up(self) -> None:
@@ -251,6 +255,7 @@ class Guide:
         estimate = self.steering.basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
         blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
+        self.guards.look(estimate, self.engagement.state, now_ns)
         mode_age_s = None
         if (modes := self.link.streams.get("CURRENT_MODE")) is not None:
             mode_age_s = modes.status(now_ns).age_s
@@ -263,10 +268,11 @@ class Guide:
             self.engagement.contact,
             self.connection.scheme,
             now_ns,
-            blocked=blocked,
+            blocked=blocked or self.guards.condition,
             setpoints_sent=self.setpoints_sent,
             sent_ns=self.steering.sent_ns,
             answer=self._words.answer,
+            trip=self.guards.trip,
         )
         for change in self.engagement.update(view, now_ns):
             self._changed(change, now_ns)
@@ -278,6 +284,8 @@ class Guide:
             self.link.outbox.send(command_of(wanted, self.link.system, self.link.component))
 
     def _changed(self, change: Change, now_ns: int) -> None:
+        if change.event in GUARDED and self.guards.trip is not None:
+            self._event(Level.ERROR, f"guard_{self.guards.trip.guard}", change.reason, now_ns)
         loud = change.after in _LOUD
         level = Level.WARNING if loud else Level.NOTICE
         self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)

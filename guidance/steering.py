@@ -7,11 +7,12 @@ from typing import NamedTuple
 from guidance.config import Config
 from guidance.connection import Connection
 from guidance.estimate import Estimate, Estimator
+from guidance.guarding import Guards
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Outgoing, Profile, neutral, set_attitude_target
 from guidance.readiness import stalled, young
 from guidance.timing import Pace
-from guidance.tracker import Solution, Tracker, is_usable
+from guidance.tracker import Solution, Tracker
 
 
 class Sent(NamedTuple):
@@ -34,6 +35,7 @@ class Steering:
         link: AutopilotLink,
         tracker: Tracker,
         estimator: Estimator,
+        guards: Guards,
     ) -> None:
         self.setpoints_sent = 0
         self.sent_ns: int | None = None
@@ -44,6 +46,7 @@ class Steering:
         self._link = link
         self._tracker = tracker
         self._estimator = estimator
+        self._guards = guards
         self._delay_ns = round(config.link.actuation_delay_s * 1e9)
 
     def acts_ns(self, now_ns: int) -> int:
@@ -62,6 +65,7 @@ class Steering:
     def send(self, now_ns: int, boot_ms: int, *, law: bool) -> Sent | str:
         """Compute and send one setpoint, of the law or neutral, or say why not."""
         due_ns = self.pace.taken(now_ns)
+        self._guards.late_s = (now_ns - due_ns) * 1e-9
         estimate = self.basis(now_ns)
         if isinstance(estimate, str):
             return estimate
@@ -84,4 +88,4 @@ class Steering:
                 return origin
             self._tracker.start(self.acts_ns(now_ns), origin)
         solution = self._tracker.solve(estimate)
-        return solution if is_usable(solution) else "the law gave a number that is not finite"
+        return self._guards.before_sending(estimate, solution, now_ns) or solution

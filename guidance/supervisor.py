@@ -63,6 +63,10 @@ class Event(StrEnum):
     LEFT = "left"
 
 
+#: A guard ends the flight.
+GUARDED: Final = frozenset({Event.GUARD_TRIPPED, Event.GUARD_SILENCES})
+
+
 class Setpoints(StrEnum):
     """What a state streams."""
 

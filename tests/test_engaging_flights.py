@@ -83,7 +83,7 @@ def test_px4_armed_in_an_intended_offboard_is_left_alone_until_somebody_acts() -
             fly_until_tracking(flight, 1.5)
         elif act == "mode":
             pilot.switch("hold")
-            fly_until(flight, State.READY, 0.5)
+            fly_until(flight, State.READY, 1.5)  # HEARTBEAT still says CRITICAL
             flight.run(10.0)  # neutral setpoints change nothing there, and auto is spent
             assert (state_of(flight), flight.vehicle.mode) == (State.READY, "AUTO.LOITER")
             pilot.switch("control")

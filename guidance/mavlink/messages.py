@@ -188,11 +188,20 @@ class StatusText(NamedTuple):
 
 
 class SysStatus(NamedTuple):
-    """SYS_STATUS (1): bits of MAV_SYS_STATUS_SENSOR."""
+    """SYS_STATUS (1): bits of MAV_SYS_STATUS_SENSOR; `battery_remaining` in %, -1 if not known."""
 
     onboard_control_sensors_present: int
     onboard_control_sensors_enabled: int
     onboard_control_sensors_health: int
+    battery_remaining: int
+
+
+class BatteryStatus(NamedTuple):
+    """BATTERY_STATUS (147): `battery_remaining` in %, -1 if not known; a MAV_BATTERY_CHARGE_STATE."""
+
+    id: int
+    battery_remaining: int
+    charge_state: int
 
 
 class EstimatorStatus(NamedTuple):
@@ -246,6 +255,7 @@ Body = (
     | AutopilotVersion
     | StatusText
     | SysStatus
+    | BatteryStatus
     | EstimatorStatus
     | EkfStatusReport
     | ParamValue
@@ -267,6 +277,7 @@ _READ: Final[dict[str, type[Body]]] = {
     "AUTOPILOT_VERSION": AutopilotVersion,
     "STATUSTEXT": StatusText,
     "SYS_STATUS": SysStatus,
+    "BATTERY_STATUS": BatteryStatus,
     "ESTIMATOR_STATUS": EstimatorStatus,
     "EKF_STATUS_REPORT": EkfStatusReport,
     "PARAM_VALUE": ParamValue,

@@ -1,0 +1,147 @@
+"""The guards at work: what they have to know beside the estimate, how long each limit has been exceeded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from guidance.config import Config
+from guidance.estimate import Estimate, Reset, Switch
+from guidance.geofence import Fence
+from guidance.guard_limits import SILENCE, fence_of
+from guidance.guards import GUARDS, Guard, Look
+from guidance.mavlink.link import AutopilotLink
+from guidance.mavlink.messages import BatteryStatus, Body, SysStatus
+from guidance.mavlink.profiles import Profile
+from guidance.se3 import Vec3, norm
+from guidance.supervisor import State
+from guidance.tracker import Solution, Tracker, is_usable
+from guidance.view import Trip
+
+#: Where the service has control and a guard may end that.
+IN_CONTROL: Final = frozenset({State.TRACKING, State.PAUSING})
+#: Before a flight its whole way is looked at, no more often than this.
+_PLAN_NS: Final = 500_000_000
+
+
+class Guards:
+    """`trip` is the guard that tripped as of the last look, `condition` what forbids to engage, in words."""
+
+    def __init__(self, config: Config, profile: Profile, link: AutopilotLink, tracker: Tracker) -> None:
+        self.trip: Trip | None = None
+        self.condition: str | None = None
+        self.late_s = 0.0
+        self._in_control = False
+        self._control_ns = 0
+        self._config = config
+        self._profile = profile
+        self._link = link
+        self._tracker = tracker
+        self._solution: Solution | None = None
+        self._jump: Reset | None = None
+        self._since_ns: dict[str, int] = {}
+        self._looked_ns = -_PLAN_NS
+        self._at_once = [guard for guard in GUARDS if guard.for_s == 0.0 and guard.name != "failsafe"]
+        self.rebooted()
+
+    def rebooted(self) -> None:
+        """Another autopilot, as it were: nothing is known of its batteries."""
+        self._percent: int | None = None
+        self._batteries: dict[int, BatteryStatus] = {}
+
+    def heard(self, body: Body) -> None:
+        """A message that says something of the batteries; others are not looked at."""
+        if isinstance(body, SysStatus):
+            self._percent = None if body.battery_remaining < 0 else body.battery_remaining
+        elif isinstance(body, BatteryStatus):
+            self._batteries[body.id] = body
+
+    def happened(self, news: Iterable[Reset | Switch]) -> None:
+        """What the estimator says: the next look judges the largest reset."""
+        resets = [one for one in (self._jump, *news) if isinstance(one, Reset)]
+        self._jump = max(resets, key=lambda one: norm(one.moved_ned_m), default=None)
+
+    def before_sending(self, estimate: Estimate, solution: Solution, now_ns: int) -> str | None:
+        """Look at what cannot wait for the next look; why the setpoint must not be sent, if it must not."""
+        self._solution = solution
+        look = self._seen(estimate, now_ns)
+        found = ((guard, guard.exceeded(look)) for guard in self._at_once)
+        guard, reason = next(((guard, why) for guard, why in found if why is not None), (None, ""))
+        if guard is not None and self._in_control:
+            self.trip = self.trip or self._tripped(guard, reason)
+        return None if is_usable(solution) else reason
+
+    def look(self, state: Estimate | str, in_state: State, now_ns: int) -> None:
+        """Look at all of them; `state` is the estimate, or why there is none."""
+        in_control = in_state in IN_CONTROL
+        if in_control and not self._in_control:
+            self._control_ns = now_ns
+        self._in_control = in_control
+        if not in_control:
+            self._since_ns.clear()
+            self._solution, self.trip, self.late_s = None, None, 0.0
+            if now_ns - self._looked_ns < _PLAN_NS:
+                self._jump = None
+                return
+            self._looked_ns = now_ns
+        look = self._seen(state, now_ns)
+        self._jump = None
+        if not in_control:
+            found = ((guard, guard.exceeded(look)) for guard in GUARDS if guard.before)
+            self.condition = next((f"{guard.name}: {why}" for guard, why in found if why is not None), None)
+            return
+        self.condition = None
+        self._looked_ns = -_PLAN_NS
+        for guard in GUARDS:
+            reason = guard.exceeded(look)
+            if reason is None:
+                self._since_ns.pop(guard.name, None)
+                continue
+            since_ns = self._since_ns.setdefault(guard.name, now_ns)
+            if self.trip is None and now_ns - since_ns >= round(guard.patience_s(self._config.guards) * 1e9):
+                self.trip = self._tripped(guard, reason)
+
+    def _tripped(self, guard: Guard, reason: str) -> Trip:
+        action = getattr(self._config.guards, f"{guard.name}_action")
+        mode = None if action == SILENCE else self._profile.mode(action)
+        return Trip(guard.name, f"{guard.name}: {reason}", mode)
+
+    def _seen(self, state: Estimate | str, now_ns: int) -> Look:
+        solution, tracker = self._solution, self._tracker
+        origin: Vec3 | str | None = tracker.origin_ned_m
+        if origin is None and isinstance(state, Estimate):
+            origin = tracker.find_origin(state.pose.position, self._link.origin, self._link.home)
+        percents = [battery.battery_remaining for battery in self._batteries.values()]
+        known = [percent for percent in (self._percent, *percents) if percent is not None and percent >= 0]
+        return Look(
+            now_ns=now_ns,
+            in_control=self._in_control,
+            control_ns=self._control_ns,
+            config=self._config,
+            link=self._link,
+            state=state,
+            solution=solution,
+            origin_ned_m=origin if isinstance(origin, Vec3) else None,
+            trajectory_s=(tracker.paused_s or 0.0) if solution is None else solution.trajectory_s,
+            fence=self._fence(),
+            late_s=self.late_s,
+            jump=self._jump,
+            offset_m=0.0,
+            battery_percent=min(known, default=None),
+            charge_state=max(
+                (b.charge_state for b in self._batteries.values() if b.charge_state in range(3, 7)), default=0
+            ),
+        )
+
+    def _fence(self) -> Fence | str | None:
+        """In the autopilot's local frame as it is now."""
+        guards = self._config.guards
+        if not guards.fence_deg:
+            fence = fence_of(guards, guards.fence_ned_m)
+            return None if fence == Fence() else fence
+        origin = self._link.origin
+        if origin is None:
+            return "the fence's place is not known before GPS_GLOBAL_ORIGIN"
+        at = (origin.latitude * 1e-7, origin.longitude * 1e-7, origin.altitude * 1e-3)
+        corners = tuple(self._profile.project((*corner, at[2]), at)[:2] for corner in guards.fence_deg)
+        return fence_of(guards, corners)

@@ -22,7 +22,13 @@ from sitl.vehicle import Firmware, Vehicle, VehicleOptions
 
 DEMO: Final = Path(guidance.__file__).with_name("demo.toml")
 #: What every flight has in common, and what makes the demo's configuration one for the other firmware.
-COMMON: Final = ("trajectory.radius_m=5", "trajectory.speed_m_s=1")
+COMMON: Final = (
+    "trajectory.radius_m=5",
+    "trajectory.speed_m_s=1",
+    "supervisor.engage_max_error_m=2",
+    "guards.error_max_m=3",
+    "guards.error_s=1",
+)
 BY_FIRMWARE: Final[dict[Firmware, tuple[str, ...]]] = {
     Firmware.PX4_UUV: (),
     Firmware.ARDUPILOT_ROVER: (

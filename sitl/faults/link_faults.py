@@ -12,6 +12,7 @@ from sitl.faults.outcomes import (
     LEFT_ALONE,
     PX4,
     ROVER,
+    guarded,
     hands_over,
     tracks_on,
     tracks_on_or_hands_over,
@@ -23,7 +24,7 @@ from sitl.vehicle import Firmware, VehicleOptions
 #: Beyond this gap (s) control is given up; shorter ones are flown through.
 _SURVIVED_GAP_S: Final = 0.5
 #: The other one is disarmed and in another mode: a hand-over may seem to be over, but control is not taken.
-_TWINS: Final = frozenset({State.HANDED_OVER, State.READY})
+_TWINS: Final = frozenset({State.HANDED_OVER, State.READY, State.CONNECTED})
 #: Beyond this (s) the autopilot counts as lost, and what comes back is found armed where it was left.
 _LOST_GAP_S: Final = 3.0
 
@@ -97,6 +98,16 @@ def _gaps() -> list[Fault]:
                         seconds=gap_s + 6.0,
                     )
                 )
+    rows += [
+        Fault(
+            title="a gap of 0.5 s to the service, with guards.state_max_s = 0.2",
+            firmware=firmware,
+            overrides=("guards.state_max_s=0.2",),
+            steps=(Step(0.0, line(DEAD)), Step(0.5, line())),
+            expected=guarded(firmware, "state", 0.55),
+        )
+        for firmware in BOTH
+    ]
     return rows
 
 
@@ -194,7 +205,7 @@ def _rates() -> list[Fault]:
         title="the state comes at 5 Hz",
         firmware=PX4,
         steps=_always(lambda flight: flight.stage(thinned(STATE, 5.0))),
-        expected=tracks_on_or_hands_over(1.0, "rate_fell"),
+        expected=guarded(PX4, "rate", 3.0, "rate_fell", within_m=1.0),
     )
     return [
         slow,

@@ -15,6 +15,7 @@ BOTH: Final = (PX4, ROVER)
 
 #: Where control is given up after a silence: PX4's failsafe acts, ArduRover stops where it is.
 LEFT_ALONE: Final = {PX4: frozenset({"POSCTL"}), ROVER: frozenset({"GUIDED"})}
+HELD: Final = {PX4: frozenset({"AUTO.LOITER"}), ROVER: frozenset({"HOLD"})}
 CONTROL: Final = {PX4: frozenset({"OFFBOARD"}), ROVER: frozenset({"GUIDED"})}
 #: What is told of a gap or a silence, short or long.
 SILENCE: Final = frozenset({"silent", "setpoint_gap"})
@@ -54,6 +55,21 @@ def hands_over(
         within_m,
         within_s,
         modes,
+        frozenset({Never.TRACKS}),
+    )
+
+
+def guarded(
+    firmware: Firmware, guard: str, within_s: float, *may: str, within_m: float = math.inf
+) -> Expected:
+    """A guard ends the flight so soon, in the autopilot's own mode."""
+    return Expected(
+        frozenset({State.ABORTED}),
+        frozenset({f"guard_{guard}"}),
+        frozenset(may) | SILENCE,
+        within_m,
+        within_s,
+        HELD[firmware],
         frozenset({Never.TRACKS}),
     )
 

@@ -8,9 +8,8 @@ from typing import Final
 from guidance.supervisor import State
 from sitl.faults.fault import Action, Expected, Fault, Never, Step
 from sitl.faults.flight import DEAD, Flight
-from sitl.faults.outcomes import BOTH, CONTROL, LEFT_ALONE, PX4, ROVER, SILENCE, hands_over
+from sitl.faults.outcomes import BOTH, CONTROL, HELD, LEFT_ALONE, PX4, ROVER, SILENCE, hands_over
 
-_HELD: Final = {PX4: frozenset({"AUTO.LOITER"}), ROVER: frozenset({"HOLD"})}
 _MANUAL: Final = frozenset({"MANUAL"})
 #: In the profile's words and in the firmware's: not the mode that the vehicle starts in.
 _OTHER: Final = {PX4: ("manual", "MANUAL"), ROVER: ("hold", "HOLD")}
@@ -147,6 +146,7 @@ def _back_again() -> list[Fault]:
                 title="after the gap the operator commands to engage",
                 firmware=firmware,
                 steps=after_a_gap(Step(4.0, Flight.engage)),
+                overrides=("supervisor.engage_max_error_m=20", "guards.error_max_m=25"),
                 expected=Expected(frozenset({State.TRACKING}), may=SILENCE, modes=CONTROL[firmware]),
                 seconds=12.0,
             )
@@ -182,7 +182,7 @@ def _back_again() -> list[Fault]:
                 title="the service is stopped in flight",
                 firmware=firmware,
                 steps=(Step(0.0, Flight.shut_down),),
-                expected=hands_over(0.5, modes=_HELD[firmware], states=_ENDED),
+                expected=hands_over(0.5, modes=HELD[firmware], states=_ENDED),
             )
             for firmware in BOTH
         ),

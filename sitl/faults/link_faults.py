@@ -144,7 +144,7 @@ def _damage() -> list[Fault]:
             title="a byte is changed in every second datagram",
             firmware=PX4,
             steps=_always(line(Channel(corruption=0.5), Channel(corruption=0.5))),
-            expected=tracks_on(0.5, "rate_fell"),
+            expected=tracks_on_or_hands_over(0.5, "rate_fell"),
         ),
         Fault(
             title="noise of 280 bytes between all datagrams",

@@ -9,6 +9,7 @@ import signal
 import socket
 import sys
 import time
+from asyncio.subprocess import DEVNULL, PIPE
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from itertools import pairwise
@@ -17,6 +18,7 @@ from typing import Any, Final, cast
 
 from guidance.config import Config
 from guidance.mavlink.profiles import PROFILES
+from guidance.trajectory import sample
 from sitl.faults.fault import AUTO
 from sitl.faults.flight import CONTROL_MODES, DEMO, configured, settings
 from sitl.faults.witness import Witness
@@ -94,23 +96,25 @@ class Rig:
         )
         arguments = [part for setting in chosen for part in ("--set", setting)]
         command = [sys.executable, "-m", "guidance", "run", "--config", str(DEMO), *arguments]
-        process = await self.start("service", command, stderr=asyncio.subprocess.PIPE)
+        process = await self.start("service", command, stderr=PIPE)
         self._read(process.stderr, self._hear)
 
     async def start_vehicle(self) -> None:
         """`sitl vehicle`, which tells its truth."""
         port = self._to_vehicle.transport.get_extra_info("sockname")[1]
         command = [sys.executable, "-m", "sitl", "vehicle", "--firmware", FIRMWARE, "--port", "0"]
-        command += ["--to", f"127.0.0.1:{port}", "--truth", "-", "--position", "0,1,0"]
-        process = await self.start("vehicle", command, stdout=asyncio.subprocess.PIPE)
+        start = ",".join(map(str, sample(self.config.trajectory, 0.0).position))
+        command += ["--to", f"127.0.0.1:{port}", "--truth", "-", "--position", start]
+        process = await self.start("vehicle", command, stdout=PIPE)
         self._read(process.stdout, self._see)
 
-    async def start(self, name: str, command: Sequence[str], **pipes: int) -> asyncio.subprocess.Process:
+    async def start(
+        self, name: str, command: Sequence[str], *, stdout: int = DEVNULL, stderr: int = DEVNULL
+    ) -> asyncio.subprocess.Process:
         """Any process of this rig."""
-        quiet = {"stdout": asyncio.subprocess.DEVNULL, "stderr": asyncio.subprocess.DEVNULL, **pipes}
         environment = {**os.environ, "STATE_DIRECTORY": str(self.directory)}
         process = await asyncio.create_subprocess_exec(
-            *command, **quiet, stdin=asyncio.subprocess.DEVNULL, env=environment
+            *command, stdin=DEVNULL, stdout=stdout, stderr=stderr, env=environment
         )
         self._processes[name] = process
         return process

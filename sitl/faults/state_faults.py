@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 from guidance.mavlink.signing import SigningClock, wall_timestamp
@@ -135,6 +136,10 @@ def _glitches() -> list[Fault]:
     return rows
 
 
+def _always(norm: float) -> Callable[[int], float]:
+    return lambda count: norm
+
+
 def _numbers() -> list[Fault]:
     def alternating(count: int) -> float:
         return -1.0 if count % 2 else 1.0
@@ -152,7 +157,7 @@ def _numbers() -> list[Fault]:
         Fault(
             title=f"quaternions of norm {norm:g}",
             firmware=PX4,
-            steps=tampered(quaternions(lambda _, norm=norm: norm)),
+            steps=tampered(quaternions(_always(norm))),
             expected=tracks_on(0.05),  # below half and above: by the Euler angles of ATTITUDE
         )
         for norm in (1.01, 2.0, 1e-30, 0.0)

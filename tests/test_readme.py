@@ -48,6 +48,7 @@ PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
 FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
+FAULTS = [".venv/bin/sitl faults", ".venv/bin/sitl faults --real"]  # parts of both in tests of their own
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
 BENCHES = [".venv/bin/sitl bench latency", ".venv/bin/sitl bench loop"]  # in tests of their own
 MAKE_A_KEY = "(umask 077 && openssl rand -hex 32 > signing.key)"
@@ -58,6 +59,7 @@ OTHERS = [
     ".venv/bin/sitl bench",
     BENCH_CAMPAIGN,
     *BENCHES,
+    *FAULTS,
     ".ci/run",
 ]
 

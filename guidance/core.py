@@ -227,8 +227,9 @@ class Guide:
         self.link.tick(now_ns)
         if self._estimator.news:  # here, where all that waited has been read
             self._records += self._news.events(self._estimator.news, now_ns)
-            self.guards.happened(self._estimator.news)
-            self._watch_ns = now_ns
+            if self.guards.happened(self._estimator.news):
+                self.tracker.estimator_reset(self.steering.estimate(now_ns))
+                self._watch_ns = now_ns
             self._estimator.news.clear()
         if now_ns >= self._watch_ns:
             self._watch_ns = now_ns + _WATCH_NS

@@ -174,15 +174,15 @@ class Engagement:
         if not view.connected or view.armed is None or view.custom_mode is None:
             self.reason = view.absent_because
             return None
+        if view.armed and self._auto is _Auto.MAY_ENGAGE:
+            # Somebody flies it, or did, perhaps with this service before it was killed: `auto` must not take
+            # it from whoever has it, nor arm what the pilot disarms.
+            self._auto = _Auto.FOUND_ARMED
         if view.armed and may_obey(self.profile, view):
             return Event.FOUND_IN_CONTROL, withheld_reason(self.profile, view)
         return Event.FOUND, "autopilot found"
 
     def _when_withheld(self, view: View, now_ns: int) -> tuple[Event, str] | None:
-        if view.intended_mode == self._control or view.custom_mode == self._control or not view.armed:
-            # Somebody flew it, perhaps this service before it was killed: `auto` must not take it from
-            # whoever has it then, nor arm what the pilot has just disarmed.
-            self._auto = _Auto.FOUND_FLYING if self._auto is _Auto.MAY_ENGAGE else self._auto
         if self._requests.waits(Order.ENGAGE, now_ns):
             return Event.COMMANDED, "the operator commands"
         if not view.armed:
@@ -334,7 +334,7 @@ class _Auto(Enum):
     """What has become of `engage = "auto"`."""
 
     MAY_ENGAGE = auto()
-    FOUND_FLYING = auto()  # as good as spent; but PX4 gets a stream to switch to
+    FOUND_ARMED = auto()  # as good as spent; but PX4 gets a stream to switch to
     SPENT = auto()  # handed over, held or aborted: until the operator commands to engage
 
 

@@ -48,7 +48,7 @@ class GuardsConfig(Section, frozen=True, kw_only=True):
     fence_down_min_m: Metres | None = None
     fence_down_max_m: Metres | None = None
     fence_ahead_s: Seconds = 3.0
-    fence_plan_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 60.0
+    fence_plan_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 60.0
     fence_action: str = "hold"
     speed_max_m_s: Speed | None = None
     speed_action: str = "hold"

@@ -56,10 +56,12 @@ class Guards:
         elif isinstance(body, BatteryStatus):
             self._batteries[body.id] = body
 
-    def happened(self, news: Iterable[Reset | Switch]) -> None:
-        """What the estimator says: the next look judges the largest reset."""
-        resets = [one for one in (self._jump, *news) if isinstance(one, Reset)]
-        self._jump = max(resets, key=lambda one: norm(one.moved_ned_m), default=None)
+    def happened(self, news: Iterable[Reset | Switch]) -> bool:
+        """What the estimator says, and whether a reset is among it: the next look judges the largest."""
+        resets = [one for one in news if isinstance(one, Reset)]
+        known = resets if self._jump is None else [self._jump, *resets]
+        self._jump = max(known, key=lambda one: norm(one.moved_ned_m), default=None)
+        return bool(resets)
 
     def before_sending(self, estimate: Estimate, solution: Solution, now_ns: int) -> str | None:
         """Look at what cannot wait for the next look; why the setpoint must not be sent, if it must not."""
@@ -83,7 +85,7 @@ class Guards:
             if now_ns - self._looked_ns < _PLAN_NS:
                 self._jump = None
                 return
-            self._looked_ns = now_ns
+            self._looked_ns = now_ns if isinstance(state, Estimate) else -_PLAN_NS
         look = self._seen(state, now_ns)
         self._jump = None
         if not in_control:
@@ -126,7 +128,7 @@ class Guards:
             fence=self._fence(),
             late_s=self.late_s,
             jump=self._jump,
-            offset_m=0.0,
+            offset_m=norm(tracker.reference_offset_ned_m),
             battery_percent=min(known, default=None),
             charge_state=max(
                 (b.charge_state for b in self._batteries.values() if b.charge_state in range(3, 7)), default=0

@@ -105,12 +105,17 @@ class State(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
 
 
 class Reference(Record, frozen=True, kw_only=True, gc=False):
-    """The trajectory at `t_ns`, `trajectory_s` after its start: r, r' and r'' of the paper."""
+    """What is tracked at `t_ns`, `trajectory_s` after the trajectory's start: r, r' and r'' of the paper.
+
+    `offset_ned_m` of r, with its derivatives in r' and r'', is what is left of the jumps of the autopilot's
+    estimator (`guidance.blending`): r without it is the trajectory.
+    """
 
     trajectory_s: float
     position_ned_m: Triple
     velocity_ned_m_s: Triple
     acceleration_ned_m_s2: Triple
+    offset_ned_m: Triple = (0.0, 0.0, 0.0)
 
 
 class Setpoint(Record, frozen=True, kw_only=True, gc=False):

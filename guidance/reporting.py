@@ -147,6 +147,7 @@ def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoin
                 position_ned_m=reference.position,
                 velocity_ned_m_s=reference.velocity,
                 acceleration_ned_m_s2=reference.acceleration,
+                offset_ned_m=solution.offset_ned_m,
             )
         )
         made.append(

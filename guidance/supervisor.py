@@ -167,8 +167,8 @@ BRIEFS: Final[dict[Event, str]] = {
     Event.HOLD_CONFIRMED: "hold confirmed",
     Event.RESUME: "resume commanded",
     Event.ABORT: "abort commanded",
-    Event.GUARD_TRIPPED: "a guard, see log",
-    Event.GUARD_SILENCES: "a guard, see log",
+    Event.GUARD_TRIPPED: "guard",
+    Event.GUARD_SILENCES: "guard",
     Event.RETRY: "trying again",
     Event.SHUTDOWN: "service stops",
     Event.LEFT: "exit mode or time over",
@@ -289,9 +289,15 @@ def transition(state: State, event: Event) -> State:
 
 
 def status_text(after: State, event: Event, reason: str) -> str:
-    """A change of state for STATUSTEXT: with its reason if 50 bytes hold it, else with the event's brief."""
+    """A change of state for STATUSTEXT: with its reason if 50 bytes hold it, else with the event's brief.
+
+    The brief of a guard ends with its name, with which its reason begins.
+    """
     whole = f"guidance: {after}: {reason}"
-    return whole if len(whole) <= _STATUSTEXT_BYTES else f"guidance: {after}: {BRIEFS[event]}"
+    if len(whole) <= _STATUSTEXT_BYTES:
+        return whole
+    guard = f" {reason.partition(':')[0]}" if event in GUARDED else ""
+    return f"guidance: {after}: {BRIEFS[event]}{guard}"
 
 
 def table_markdown() -> str:

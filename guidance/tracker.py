@@ -5,21 +5,51 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from guidance.blending import (
+    NO_OFFSET,
+    NO_TURN,
+    Blending,
+    blended,
+    blending,
+    offset_step,
+    shifted,
+    spare_speed_m_s,
+    turn_step,
+)
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.law import UNSTARTED, Evaluation, Memory, guide_step, planar
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import Outgoing, Profile, outgoing
-from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, add, norm, subtract
+from guidance.se3 import (
+    ZERO,
+    Pose,
+    Reference,
+    Twist,
+    Vec3,
+    add,
+    compose,
+    conjugate,
+    exp,
+    multiply,
+    norm,
+    quaternion_exp,
+    quaternion_log,
+    subtract,
+)
 from guidance.trajectory import sample
-from guidance.tuning import ALLOCATIONS, cannot_allocate, parameters
+from guidance.tuning import ALLOCATIONS, approach_m_s, cannot_allocate, parameters, rates_of
 
 
 class Solution(NamedTuple):
-    """One evaluation: the reference that was tracked, the law's answer, and what the profile makes of it."""
+    """One evaluation: the reference that was tracked, the law's answer, and what the profile makes of it.
+
+    The reference is the trajectory moved by `offset_ned_m`.
+    """
 
     trajectory_s: float
     reference: Reference
+    offset_ned_m: Vec3
     evaluation: Evaluation
     outgoing: Outgoing
 
@@ -46,6 +76,19 @@ class Tracker:
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
+        self._forget_resets()
+
+    def _forget_resets(self) -> None:
+        self._offset = NO_OFFSET
+        self._turn = NO_TURN
+        self._seen: Estimate | None = None  # what the last setpoint was made of
+        self._unblended = False
+
+    @property
+    def reference_offset_ned_m(self) -> Vec3:
+        """How far the tracked reference is from the trajectory since resets of the autopilot's estimator; of
+        a planar vehicle in the plane."""
+        return ZERO if self.start_ns is None else self._offset.position
 
     def stop(self) -> None:
         """The flight is over; the next one starts anew."""
@@ -67,6 +110,7 @@ class Tracker:
         self.origin_ned_m = origin_ned_m
         self._memory = UNSTARTED
         self._stepped_ns = instant_ns
+        self._forget_resets()
         found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
         self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
 
@@ -80,6 +124,20 @@ class Tracker:
         self.allocation = name
         self._parameters = self._parameters._replace(allocation=ALLOCATIONS[name])
         return None
+
+    def _blending(self) -> Blending:
+        """By the limits, the law and the allocation as they now are: any may change in flight."""
+        limits = self._limits
+        keys = rates_of(self.allocation, self._profile.planar)
+        accelerations = (getattr(limits, key.replace("rate", "acceleration") + "2") for key in keys)
+        return blending(
+            limits.speed_min_m_s,
+            min(limits.speed_max_m_s, self._speed_at_full_thrust_m_s),
+            min(getattr(limits, key) for key in keys),
+            math.inf if limits.acceleration_max_m_s2 is None else limits.acceleration_max_m_s2,
+            min((a for a in accelerations if a is not None), default=math.inf),
+            approach_m_s(self._law.error_function),
+        )
 
     def find_origin(
         self, position_ned_m: Vec3, ekf: GpsGlobalOrigin | None, home: HomePosition | None
@@ -108,6 +166,26 @@ class Tracker:
         error = subtract(position_ned_m, add(origin_ned_m, at))
         return math.hypot(error.x, error.y) if self._profile.planar else norm(error)
 
+    def estimator_reset(self, estimate: Estimate | str) -> None:
+        """The estimator was reset, and `estimate` is the first state after; without one the next is.
+
+        To be called before the setpoint that is made of it: what no motion since the setpoint before explains
+        is blended. All that was found in one read is one jump, however many there were and of whatever kind.
+        """
+        if self.start_ns is None or self._seen is None:
+            return  # nothing was made of the frame before
+        self._unblended = isinstance(estimate, str)
+        if isinstance(estimate, str):
+            return
+        before, self._seen = self._seen, estimate
+        since_s = (estimate.instant_ns - before.instant_ns) * 1e-9
+        led = compose(before.pose, exp(before.twist, since_s))
+        jump = subtract(estimate.pose.position, led.position)
+        self._offset = shifted(self._offset, jump._replace(z=0.0) if self._profile.planar else jump)
+        kept = multiply(quaternion_exp(self._turn.angle_rad), led.attitude)
+        turn = quaternion_log(multiply(kept, conjugate(estimate.pose.attitude)))
+        self._turn = self._turn._replace(angle_rad=turn)
+
     def solve(self, estimate: Estimate) -> Solution:
         """The law at the estimate's instant; `start` must have been called."""
         assert self.start_ns is not None
@@ -117,16 +195,27 @@ class Tracker:
         reference = relative._replace(position=add(self.origin_ned_m, relative.position))
         pose: Pose = estimate.pose
         twist = estimate.twist
+        dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
+        self._stepped_ns = estimate.instant_ns
+        if self._unblended:
+            self.estimator_reset(estimate)
+        self._seen = estimate
+        if self._turn is not NO_TURN:
+            self._turn = turn_step(self._turn, dt_s)
+            pose = Pose(pose.position, multiply(quaternion_exp(self._turn.angle_rad), pose.attitude))
         if self._profile.planar:
             pose, reference = planar(pose, reference)
             twist = Twist(Vec3(0.0, 0.0, twist.angular.z), twist.linear)
-        dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
-        self._stepped_ns = estimate.instant_ns
+        if self._offset is not NO_OFFSET:
+            limits = self._blending()
+            self._offset = offset_step(limits, self._offset, spare_speed_m_s(limits, reference), dt_s)
+            reference = blended(reference, self._offset)
         self._memory, evaluation = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
         u = evaluation.controls
         return Solution(
             trajectory_s,
             reference,
+            self._offset.position,
             evaluation,
             outgoing(self._profile, u.u1, u.u2, u.u3, u.u4, self._speed_at_full_thrust_m_s),
         )

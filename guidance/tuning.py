@@ -168,6 +168,17 @@ def _error_function(chosen: ErrorFunction, origin: Vec3) -> error_function.Error
             return error_function.bounded_apart(chosen.horizontal_m_s, chosen.vertical_m_s)
 
 
+def approach_m_s(chosen: ErrorFunction) -> float:
+    """The slowest approach (m/s) that the error function asks for from far off; inf if it has no bound."""
+    match chosen:
+        case Bounded():
+            return chosen.approach_m_s
+        case BoundedApart():
+            return min(chosen.horizontal_m_s, chosen.vertical_m_s)
+        case Quadratic() | KOfR():
+            return inf
+
+
 def rates_of(allocation: str, planar: bool) -> tuple[str, ...]:
     """The keys in [limits] of the rates that an allocation turns by; a planar vehicle has only yaw."""
     axes = ("yaw",) if planar else allocation.split("-")

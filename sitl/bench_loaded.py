@@ -2,7 +2,8 @@
 
 Each record goes to log and zenoh ten times, as if there were ten times as many; and to one more sink, written
 in Python, that parses and formats it so often that it never comes to an end: it computes as much as a sink's
-slices let it, and drops the rest. Nothing else differs from `guidance run`.
+slices let it, and drops the rest. Nothing else differs from `guidance run`, but for the console: it would say
+all ten times, and is left out.
 """
 
 from __future__ import annotations

@@ -14,15 +14,13 @@ import socket
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, NamedTuple, TypedDict
 
 from guidance.child import Child
-from guidance.demo import CONFIG_FILE
 from guidance.records import Input
 from guidance.telemetry.log import LogDamaged, NotALog, read_records
-from sitl.bench_latency import UnavailableError, fly, free_port, service_settings
+from sitl.bench_latency import UnavailableError, fly, free_port, run_command, service_settings
 from sitl.stopwatch import Flight, answered_us, never, typical, worst
 
 #: The fastest: most is to be done, and most is seen in a short time.
@@ -90,16 +88,27 @@ def _fly_round(*, loaded: bool) -> Round:
     port, zenoh_port = free_port(), free_port(socket.SOCK_STREAM)
     with tempfile.TemporaryDirectory() as directory:
         settings = service_settings(port, zenoh_port, RATE_HZ, Path(directory))
-        command = [sys.executable, "-m", "guidance", "run", "--config", str(CONFIG_FILE)]
-        command += [part for setting in settings for part in ("--set", setting)]
-        with ExitStack() as stack:
-            if loaded:
-                command = [sys.executable, "-m", "sitl.bench_loaded", *settings]
-                watch = [sys.executable, "-m", "guidance", "watch", "--json"]
-                watch += ["--connect", f"tcp/127.0.0.1:{zenoh_port}"]
-                stack.enter_context(Child(watch, "watch", lambda *_: None)).listen(lambda _: None)
-            flight = fly("service", command, port, RATE_HZ, SECONDS)
+        if loaded:
+            flight = _fly_watched(settings, port, zenoh_port)
+        else:
+            flight = fly("service", run_command(settings), port, RATE_HZ, SECONDS)
         return Round(read_us(flight, _read(Path(directory))), answered_us(flight))
+
+
+def _fly_watched(settings: Sequence[str], port: int, zenoh_port: int) -> Flight:
+    """The flight under load; raises UnavailableError also if nobody took what zenoh had."""
+    command = [sys.executable, "-m", "sitl.bench_loaded", *settings]
+    watch = [sys.executable, "-m", "guidance", "watch", "--json"]
+    watch += ["--connect", f"tcp/127.0.0.1:{zenoh_port}"]
+    seen: list[str] = []
+    with Child(watch, "watch", lambda *_: None) as watching:
+        watching.listen(seen.append)
+        flight = fly("service", command, port, RATE_HZ, SECONDS)
+        if watching.ended:
+            raise UnavailableError(watching.obituary())
+    if len(seen) < SECONDS / 2:  # it says one line a second of a vehicle that it sees
+        raise UnavailableError(f"the watch saw the service in {len(seen)} of {SECONDS:.0f} s")
+    return flight
 
 
 def _read(directory: Path) -> dict[bytes, int]:

@@ -45,8 +45,10 @@ app.command()(faults)
 def vehicle(
     firmware: Annotated[Firmware, typer.Option(help="Whose manners the vehicle has.")] = Firmware.PX4_UUV,
     to: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Where to send; without it, to whoever wrote last."),
+        list[str] | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Where to send, repeatable; without it, to whoever wrote last."
+        ),
     ] = None,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
@@ -98,12 +100,12 @@ def vehicle(
     try:
         if not 1e-3 <= truth_period < math.inf:
             raise ValueError(f"--truth-period must be at least 0.001 s, not {truth_period}")
-        if (to is not None) + tcp + (pty is not None) > 1:
+        if bool(to) + tcp + (pty is not None) > 1:
             raise ValueError("--to, --tcp and --pty exclude each other")
         shell_options = ShellOptions(
             host=host,
             port=port,
-            to=None if to is None else _address(to),
+            to=tuple(map(_address, to or [])),
             tcp=tcp,
             pty=pty,
             truth=truth,

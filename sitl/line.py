@@ -6,7 +6,7 @@ import asyncio
 import os
 import time
 import tty
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from typing import Any, Final, cast
 
@@ -80,12 +80,12 @@ class Driver:
 
 
 class UdpDriver(Driver, asyncio.DatagramProtocol):
-    """Over one socket, to one address: `to`, or whoever wrote last."""
+    """Over one socket, to every address of `to`, or, without any, to whoever wrote last."""
 
-    def __init__(self, to: Address | None, *arguments: Any) -> None:
+    def __init__(self, to: Sequence[Address], *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._target = to
-        self._answer_last = to is None
+        self._targets = tuple(to)
+        self._answer_last = not to
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -96,7 +96,7 @@ class UdpDriver(Driver, asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:
         """Hear it, and remember who said it."""
         if self._answer_last:
-            self._target = (addr[0], addr[1])
+            self._targets = ((addr[0], addr[1]),)
         self.hear(data, addr)
 
     def error_received(self, exc: Exception) -> None:
@@ -109,9 +109,11 @@ class UdpDriver(Driver, asyncio.DatagramProtocol):
             self._transport.close()
 
     def _send(self, datagrams: list[bytes]) -> None:
-        if self._target is not None and self._transport is not None and not self._closed:
-            for datagram in datagrams:
-                self._transport.sendto(datagram, self._target)
+        if self._transport is None or self._closed:
+            return
+        for datagram in datagrams:
+            for target in self._targets:
+                self._transport.sendto(datagram, target)
 
 
 class TcpDriver(Driver):

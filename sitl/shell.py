@@ -17,13 +17,13 @@ from sitl.vehicle import Vehicle, VehicleOptions
 class ShellOptions:
     """Where the process listens and sends, and what it tells besides MAVLink.
 
-    Without `to`, the vehicle answers whoever wrote last. Instead of UDP, `pty` makes a serial port of that
-    name, and `tcp` a TCP server. `truth` is a file name, or "-" for stdout.
+    Everything goes to every address of `to`; without one, to whoever wrote last. Instead of UDP, `pty` makes
+    a serial port of that name, and `tcp` a TCP server. `truth` is a file name, or "-" for stdout.
     """
 
     host: str = "127.0.0.1"
     port: int = 14580
-    to: Address | None = None
+    to: tuple[Address, ...] = ()
     tcp: bool = False
     pty: str | None = None
     truth: str | None = None
@@ -72,7 +72,8 @@ async def _open(options: ShellOptions, vehicle: Vehicle, writer: TruthWriter | N
     udp = UdpDriver(options.to, vehicle, writer, options.truth_period_s)
     transport, _ = await loop.create_datagram_endpoint(lambda: udp, local_addr=(options.host, options.port))
     host, port = transport.get_extra_info("sockname")[:2]
-    target = f"sends to {options.to[0]}:{options.to[1]}" if options.to else "answers whoever writes"
+    names = [f"{name}:{number}" for name, number in options.to]
+    target = f"sends to {' and '.join(names)}" if names else "answers whoever writes"
     return udp, f"{host}:{port}, {target}"
 
 

@@ -64,9 +64,14 @@ def percentile(values: Sequence[float], percent: float) -> float:
 
 
 def typical(rounds: Sequence[Sequence[float]], percent: float) -> float | None:
-    """The median over the rounds of each one's percentile; None where that is not finite."""
+    """The median over the rounds of each one's percentile; None where that is not finite.
+
+    Nor is there one where the percentile of all rounds together is infinite: rounds that are slow are
+    outvoted, one that fell silent is not.
+    """
     found = statistics.median(percentile(values, percent) for values in rounds)
-    return found if math.isfinite(found) else None
+    together = percentile([value for values in rounds for value in values], percent)
+    return found if math.isfinite(found) and math.isfinite(together) else None
 
 
 def worst(rounds: Sequence[Sequence[float]]) -> float | None:

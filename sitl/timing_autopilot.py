@@ -31,8 +31,9 @@ Address = tuple[str, int]
 SETTINGS: Final = ("trajectory.name=line", "trajectory.speed_m_s=0.001")
 #: Where the vehicle stands, from the start of the line; far enough that 1 mm/s makes no difference.
 POSITION_NED_M: Final = Vec3(-20.0, 0.0, 0.0)
-#: As many as periods that an answer may take: a later one would be taken for that to a newer state.
-HEADINGS_RAD: Final = tuple(0.02 * (i - 3.5) for i in range(8))
+#: As many as periods that an answer may take: a later one would be taken for that to a newer state. So close
+#: (4 deg from first to last) that none follows another as a reset of the autopilot's estimator would.
+HEADINGS_RAD: Final = tuple(0.01 * (i - 3.5) for i in range(8))
 #: Of the distance between two answers: a yaw rate that is farther from each answers no state (neutral ones).
 _TOLERANCE: Final = 0.2
 _HEARTBEAT_NS: Final = 1_000_000_000

@@ -77,6 +77,8 @@ def test_states_that_are_never_answered_are_slower_than_any_goal() -> None:
     lost["service"] = [round_of(*[50.0] * 90, *[math.inf] * 10)]
     at = at_rate(50, lost)
     assert (at["ratio_p50"], at["ratio_p99"], at["met"]) == (0.5, None, False)
+    lost["service"] = [*[round_of(*[50.0] * 100)] * 3, round_of(*[math.inf] * 100)]
+    assert not at_rate(50, lost)["met"]
     text = "\n".join(" ".join(row) for row in rows(Report(rates=[at], notes=[], met=False)))
     assert "10 of 100 never answered" in text
     assert "never" in text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 
 import pytest
 from typer.testing import CliRunner
@@ -57,6 +58,43 @@ def test_states_that_the_log_does_not_hold_are_counted() -> None:
     assert (found["idle"]["unread"], found["idle"]["p999_us"]) == (1, None)
     assert not found["met"]
     assert any("1 of 2 never read" in text for _, text in rows(found))
+    rounds = lateness(100.0) * 3 + lateness(math.inf)
+    assert not report({"idle": rounds, "loaded": lateness(100.0)}, [])["met"]
+
+
+class Watch:
+    """A `guidance watch` that saw a vehicle for some seconds, and may have ended."""
+
+    def __init__(self, lines: int, ended: bool) -> None:
+        self.lines, self.ended = lines, ended
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing."""
+
+    def listen(self, take: Callable[[str], None]) -> None:
+        for _ in range(self.lines):
+            take("{}")
+
+    def obituary(self) -> str:
+        return "the watch ended"
+
+
+@pytest.mark.parametrize(
+    ("lines", "ended", "why"), [(5, False, None), (5, True, "the watch ended"), (1, False, "in 1 of 5 s")]
+)
+def test_a_load_that_is_not_there_is_not_measured(
+    lines: int, ended: bool, why: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = Flight([b"a"], [Stamp(1000, 0)], [Stamp(2000, 0)], [0])
+    monkeypatch.setattr(bench_loop, "Child", lambda *_: Watch(lines, ended))
+    monkeypatch.setattr(bench_loop, "fly", lambda *_: flight)
+    monkeypatch.setattr(bench_loop, "_read", lambda _: {b"a": 2000})
+    found = measure(rounds=1)
+    assert (found["loaded"] is None) is (why is not None)
+    assert found["notes"] == [] if why is None else why in found["notes"][0]
 
 
 class Counting:

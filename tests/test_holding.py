@@ -324,3 +324,24 @@ def test_a_hold_over_a_dead_link_falls_silent_and_takes_nothing_back(firmware: t
     flight.run(20.0)
     assert setpoints_since(flight, resumed_ns) == []
     assert state_of(flight) is not State.TRACKING
+
+
+@FIRMWARES
+@pytest.mark.parametrize("name", ["hold", "abort"])
+def test_a_pilot_who_takes_over_on_the_way_to_hold_is_obeyed_with_the_message(
+    firmware: tuple[str, ...], name: str
+) -> None:
+    flight, pilot = tracking(firmware)
+    flight.to_vehicle = DEAD  # the command never arrives
+    order(flight, name)
+    fly_until(flight, State.PAUSING if name == "hold" else State.ABORTING, 0.06)
+    pilot.switch("manual")
+    link = flight.guide.link
+    before = link.custom_mode
+    assert flight.run(0.9, until=lambda: link.custom_mode != before)
+    shown_ns = flight.now_ns
+    assert state_of(flight) is State.HANDED_OVER
+    flight.to_vehicle = flight.to_vehicle._replace(loss=0.0)
+    flight.run(20.0)
+    assert setpoints_since(flight, shown_ns - 1) == []
+    assert flight.vehicle.mode in NAMES["manual"]

@@ -76,3 +76,10 @@ def test_a_figure_is_the_median_of_the_rounds_and_none_if_that_is_infinite() -> 
     assert typical([[1.0, math.inf], [math.inf], [3.0]], 99.0) is None
     assert worst([[1.0, math.inf], [7.0]]) == 7.0
     assert worst([[math.inf]]) is None
+
+
+def test_a_round_without_answers_is_not_outvoted_by_the_others() -> None:
+    rounds = [[1.0] * 100] * 3 + [[math.inf] * 100]
+    assert typical(rounds, 50.0) == 1.0
+    assert typical(rounds, 99.0) is None
+    assert typical([[1.0] * 100] * 3 + [[1.0] * 98 + [math.inf] * 2], 99.0) == 1.0  # 2 of 400

@@ -11,6 +11,7 @@ import pytest
 from guidance.supervisor import (
     BRIEFS,
     CAUSES,
+    GUARDED,
     MEANINGS,
     SETPOINTS,
     TRANSITIONS,
@@ -250,8 +251,9 @@ def test_every_change_fits_into_a_status_text_whole_or_in_brief() -> None:
     assert set(BRIEFS) == set(Event)
     for (_, event), after in TRANSITIONS.items():
         assert status_text(after, event, "short") == f"guidance: {after}: short"
-        brief = status_text(after, event, 50 * "x")
-        assert brief == f"guidance: {after}: {BRIEFS[event]}"
+        guard = " failsafe" if event in GUARDED else ""
+        brief = status_text(after, event, f"failsafe: {50 * 'x'}")
+        assert brief == f"guidance: {after}: {BRIEFS[event]}{guard}"
         assert len(brief.encode("ascii")) <= 50
 
 

@@ -8,6 +8,7 @@ from typing import Final
 import pytest
 
 from guidance.core import Guide
+from guidance.records import Event
 from guidance.supervisor import State
 from sitl.bench_latency import UnavailableError, fly, free_port
 from sitl.stopwatch import answered_us
@@ -25,6 +26,7 @@ def test_every_state_is_answered_at_once_with_its_own_heading() -> None:
     guide = Guide(make_config(*SETTINGS))
     autopilot = Conversation(answers(), boot_ns=0)
     came: list[int] = []
+    told: list[str] = []
 
     def exchange(datagrams: list[bytes], now_ns: int) -> None:
         for datagram in datagrams:
@@ -32,6 +34,7 @@ def test_every_state_is_answered_at_once_with_its_own_heading() -> None:
         if guide.deadline() <= now_ns:
             guide.tick(now_ns)
         came.extend(h for packet in guide.packets() if (h := autopilot.take(packet, now_ns)) is not None)
+        told.extend(record.code for record in guide.records() if isinstance(record, Event))
 
     for i in range(300):
         now_ns = 1_000_000_000 + i * PERIOD_NS
@@ -43,6 +46,8 @@ def test_every_state_is_answered_at_once_with_its_own_heading() -> None:
         if i >= 200:
             assert guide.engagement.state is State.TRACKING
             assert came == [i % 8]
+    assert told[0] == "state_connected"
+    assert "estimator_reset" not in told  # as in a flight: its headings are no jumps
 
 
 def test_headings_are_told_from_the_yaw_rate_and_a_neutral_one_is_none_of_them() -> None:

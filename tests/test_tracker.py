@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from guidance.blending import Blending, blending
 from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import PROFILES
@@ -100,6 +101,39 @@ def test_a_flight_that_ends_leaves_neither_start_nor_origin() -> None:
     one.start(5, HERE)
     one.stop()
     assert (one.start_ns, one.origin_ned_m) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "wanted"),
+    [
+        ((), blending(-5.0, 5.0, 5.0)),
+        (("limits.speed_max_m_s=9", "limits.yaw_rate_max_rad_s=2"), blending(-5.0, 5.0, 2.0)),
+        (("limits.acceleration_max_m_s2=3",), blending(-5.0, 5.0, 5.0, 3.0)),
+        (
+            ("limits.pitch_acceleration_max_rad_s2=4", "limits.yaw_acceleration_max_rad_s2=6"),
+            blending(-5.0, 5.0, 5.0, turn_acceleration_rad_s2=4.0),
+        ),
+        (("limits.roll_acceleration_max_rad_s2=0.1",), blending(-5.0, 5.0, 5.0)),
+        (
+            ("law.error_function.name=bounded", "law.error_function.approach_m_s=1.5"),
+            blending(-5.0, 5.0, 5.0, approach_m_s=1.5),
+        ),
+        (
+            (
+                "law.error_function.name=bounded-apart",
+                "law.error_function.horizontal_m_s=1.5",
+                "law.error_function.vertical_m_s=0.5",
+            ),
+            blending(-5.0, 5.0, 5.0, approach_m_s=0.5),
+        ),
+        (ROVER, blending(-5.0, 5.0, 2.0)),
+    ],
+)
+def test_after_a_reset_the_reference_comes_back_within_the_limits(
+    overrides: tuple[str, ...], wanted: Blending
+) -> None:
+    config = make_config(*overrides)
+    assert Tracker(config, PROFILES[config.vehicle.profile])._blending() == wanted
 
 
 def test_a_number_that_is_not_finite_is_not_usable() -> None:

@@ -69,3 +69,15 @@ def test_a_reset_moves_the_estimate_counts_and_leaves_the_truth_alone() -> None:
     again = peer.last("ODOMETRY")
     assert again.reset_counter == 0
     assert (again.x, again.y, again.z) == pytest.approx(truth.position_ned_m, abs=1e-5)
+
+
+def test_an_estimator_that_is_wrong_about_its_velocity_says_so_in_every_message() -> None:
+    peer = Peer(initially_armed=True)
+    peer.run(1.0)
+    peer.vehicle.reset_estimator(peer.now_ns, faster_ned_m_s=(1.0, -2.0, 0.5))
+    peer.run(1.0)
+    local, odometry, absolute = map(peer.last, ("LOCAL_POSITION_NED", "ODOMETRY", "GLOBAL_POSITION_INT"))
+    assert (local.vx, local.vy, local.vz) == pytest.approx((1.0, -2.0, 0.5))
+    assert (odometry.vx, odometry.vy, odometry.vz) == pytest.approx((1.0, -2.0, 0.5))
+    assert (absolute.vx, absolute.vy, absolute.vz) == (100, -200, 50)
+    assert peer.vehicle.truth().speed_m_s == 0.0

@@ -90,6 +90,15 @@ def test_it_sends_where_it_is_told_obeys_and_tells_the_truth_on_stdout_until_sig
     assert steps == {10_000_000}
 
 
+def test_it_tells_everybody_whom_it_is_told_to_tell_and_hears_them_all() -> None:
+    with companion() as first, companion() as second:
+        to = [f"--to=127.0.0.1:{sock.getsockname()[1]}" for sock in (first, second)]
+        with process(*to) as (_, port):
+            for sock in (first, second):
+                sock.sendto(arm(), ("127.0.0.1", port))
+                assert [hear(listener, "COMMAND_ACK").result for listener in (first, second)] == [0, 0]
+
+
 def test_without_a_target_it_answers_who_wrote_last_and_ends_cleanly_on_sigint() -> None:
     with companion() as sock, process("--firmware", "ardupilot-rover") as (child, port):
         sock.sendto(arm(), ("127.0.0.1", port))
@@ -171,7 +180,7 @@ def test_a_reader_that_does_not_read_costs_lines_of_truth_and_no_time() -> None:
 
 def test_a_datagram_that_nobody_takes_is_no_error() -> None:
     async def send() -> bool:
-        driver = UdpDriver(None, Vehicle(VehicleOptions()), None, 0.02)
+        driver = UdpDriver((), Vehicle(VehicleOptions()), None, 0.02)
         driver.error_received(ConnectionRefusedError())
         driver.close()
         return True

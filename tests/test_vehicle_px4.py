@@ -284,6 +284,29 @@ def test_do_set_mode_answers_twice_and_only_the_second_answer_means_it(
     assert peer.vehicle.mode == mode
 
 
+@pytest.mark.parametrize(
+    ("command", "mode", "texts"),
+    [
+        (20, "AUTO.RTL", ["Returning to launch\t"]),
+        (21, "AUTO.LAND", ["Landing at current position\t"]),
+        (22, "AUTO.TAKEOFF", []),
+    ],
+)
+def test_the_navigators_commands_change_the_mode_answer_once_and_end_offboard(
+    command: int, mode: str, texts: list[str]
+) -> None:
+    peer = px4_in_offboard()
+    peer.setpoint(thrust=1.0)
+    before = len(peer.texts())
+    assert peer.command(command) == [0]
+    assert peer.vehicle.mode == mode
+    assert peer.texts()[before:] == texts
+    assert peer.vehicle.truth().speed_m_s == 0.0
+    peer.setpoint(thrust=1.0)
+    peer.run(2.0)
+    assert peer.vehicle.mode == mode  # what is intended is no longer OFFBOARD
+
+
 def test_set_mode_is_do_set_mode() -> None:
     peer = Peer()
     peer.send(mavlink.MAVLink_set_mode_message(1, 1, POSCTL))

@@ -116,9 +116,13 @@ BEGINNINGS: Final[dict[State, Beginning]] = {
     State.CONNECTED: Beginning(AUTO, {"estimator_ready_s": 60.0}, _wait(State.CONNECTED, 1.0)),
     State.WITHHELD: Beginning(AUTO, {"initially_armed": True}, _wait(State.WITHHELD, 2.0)),
     State.READY: Beginning(PILOT, {"initially_armed": True}, _wait(State.READY, 1.0)),
-    State.STREAMING: Beginning(AUTO, {"initially_armed": True}, _wait(State.STREAMING, 0.05)),
+    State.STREAMING: Beginning(
+        PILOT, {"initially_armed": True}, _then(State.READY, Flight.engage, State.STREAMING)
+    ),
     State.SWITCHING: Beginning(
-        AUTO, {"initially_armed": True, "refuses_modes": True}, _wait(State.SWITCHING, 0.5)
+        PILOT,
+        {"initially_armed": True, "refuses_modes": True},
+        _then(State.READY, Flight.engage, State.SWITCHING),
     ),
     State.ARMING: Beginning(
         PILOT, {}, _then(State.READY, lambda flight: flight.switch("control"), State.ARMING)

@@ -28,7 +28,8 @@ from sitl.vehicle.telemetry import ID, Builder
 
 STATUSTEXT_LENGTH: Final = 50
 
-_COMMANDS: Final = {
+#: Command -> the method that carries it out.
+COMMANDS: Final[Mapping[int, str]] = {
     176: "_do_set_mode",
     179: "_do_set_home",
     246: "_reboot_shutdown",
@@ -64,6 +65,7 @@ class Autopilot(ABC):
     integers_bytewise: ClassVar[bool]
     batches_datagrams: ClassVar[bool]
     handlers: ClassVar[Mapping[str, str]] = HANDLERS
+    commands: ClassVar[Mapping[int, str]] = COMMANDS
 
     def __init__(self, options: VehicleOptions) -> None:
         self.options = options
@@ -229,7 +231,7 @@ class Autopilot(ABC):
 
     def obey(self, command: Command) -> None:
         """Carry out a command and acknowledge it; what it makes the firmware say comes after the ACK."""
-        name = _COMMANDS.get(command.id)
+        name = self.commands.get(command.id)
         held: list[Any] = []
         self._held = held
         if self._refused(command):

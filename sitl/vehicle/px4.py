@@ -13,11 +13,21 @@ from typing import Any, ClassVar, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.plant import STOP, PlantCommand, PlantState, Triple, Wxyz
-from sitl.vehicle.autopilot import HANDLERS, STATUSTEXT_LENGTH, Autopilot
+from sitl.vehicle.autopilot import COMMANDS, HANDLERS, STATUSTEXT_LENGTH, Autopilot
 from sitl.vehicle.command import ACCEPTED, ARMED, DENIED, FAILED, TEMPORARILY_REJECTED, Command
 from sitl.vehicle.parameter_set import INT32, Parameter
 from sitl.vehicle.px4_messages import STREAM_RATES_HZ, px4_builders
-from sitl.vehicle.px4_modes import AUTO, BASE_MODES, LAND, LOITER, LOSS_MODES, NAMES, OFFBOARD, custom
+from sitl.vehicle.px4_modes import (
+    AUTO,
+    BASE_MODES,
+    COMMANDED,
+    LAND,
+    LOITER,
+    LOSS_MODES,
+    NAMES,
+    OFFBOARD,
+    custom,
+)
 from sitl.vehicle.telemetry import ID, Builder
 
 #: The commander looks at the offboard stream this often.
@@ -61,6 +71,7 @@ class Px4(Autopilot):
     integers_bytewise: ClassVar = True
     batches_datagrams: ClassVar = False
     handlers: ClassVar = {**HANDLERS, "HEARTBEAT": "_on_heartbeat"}
+    commands: ClassVar = {**COMMANDS, **dict.fromkeys(COMMANDED, "_change_mode")}
 
     @property
     def loop_ms(self) -> int:
@@ -228,6 +239,13 @@ class Px4(Autopilot):
         self.failsafe = False
         self._fly(custom_mode)
         return ACCEPTED
+
+    def _change_mode(self, command: Command) -> int:
+        mode, text = COMMANDED[command.id]
+        result = self.select_mode(mode)
+        if text and result == ACCEPTED:
+            self.text(6, text)
+        return result
 
     @property
     def can_arm(self) -> bool:

@@ -48,5 +48,12 @@ BASE_MODES: Final = {
 }
 #: MAV_STANDARD_MODE in CURRENT_MODE; everything else is 0, non-standard.
 STANDARD_MODES: Final = {RTL: 5, MISSION: 6, LAND: 7, TAKEOFF: 8}
+#: Commands that the commander takes as a change of mode (`Commander.cpp`), and what it says then. What flies
+#: in these modes is the navigator, which this vehicle does not have: it stands still.
+COMMANDED: Final = {
+    20: (RTL, "Returning to launch"),
+    21: (LAND, "Landing at current position"),
+    22: (TAKEOFF, ""),
+}
 #: COM_OBL_RC_ACT -> the mode that the loss of OFFBOARD leads to (7 disarms, 6 terminates: it stands still).
 LOSS_MODES: Final = {0: POSCTL, 1: ALTCTL, 2: MANUAL, 3: RTL, 4: LAND, 5: LOITER}

@@ -16,10 +16,11 @@ FIELD_NED_GAUSS: Final = (0.2158, 0.0126, 0.4284)
 
 
 class Astray(NamedTuple):
-    """How far the estimator is off the truth: its position is moved, its heading turned to the right."""
+    """How far the estimator is off the truth: its position and velocity, its heading turned to the right."""
 
     moved_ned_m: Triple = (0.0, 0.0, 0.0)
     turned_rad: float = 0.0
+    faster_ned_m_s: Triple = (0.0, 0.0, 0.0)
 
 
 #: An estimator that is right.
@@ -69,7 +70,9 @@ class Sample:
         self.body_rates_frd_rad_s = rates
         self.speed_m_s = speed
         self.rows = rows = rotation(attitude)
-        north, east, down = current_ned_m_s
+        north, east, down = (
+            carried + wrong for carried, wrong in zip(current_ned_m_s, astray.faster_ned_m_s, strict=True)
+        )
         self.velocity_ned_m_s = (
             speed * rows[0][0] + north,
             speed * rows[1][0] + east,

@@ -137,14 +137,18 @@ class Vehicle:
         self._pilot.withheld = {ID[name] for name in names}
 
     def reset_estimator(
-        self, now_ns: int, moved_ned_m: Triple = (0.0, 0.0, 0.0), turned_rad: float = 0.0
+        self,
+        now_ns: int,
+        moved_ned_m: Triple = (0.0, 0.0, 0.0),
+        turned_rad: float = 0.0,
+        faster_ned_m_s: Triple = (0.0, 0.0, 0.0),
     ) -> None:
         """Let the estimator jump off the truth by so much from `now_ns` on, and count it in ODOMETRY.
 
         The firmware's closed loops go on seeing the truth.
         """
         self._run_to(max(now_ns, self._state_ns))
-        self._astray = Astray(moved_ned_m, turned_rad)
+        self._astray = Astray(moved_ned_m, turned_rad, faster_ned_m_s)
         self._pilot.reset_counter += 1
 
     def refit(

@@ -1,0 +1,308 @@
+"""Each guard in flight against the built-in vehicle: its reason, event and action, and nothing after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from guidance.checking import ConfigError
+from guidance.guard_limits import ACTIONS
+from guidance.guards import GUARDS, table_markdown
+from guidance.mavlink.messages import BatteryStatus
+from guidance.records import Event, Level, Packet
+from guidance.supervisor import State
+from sitl.lockstep import Channel, Lockstep
+from sitl.plant import PlantParameters
+from tests.helpers import (
+    PERFECT,
+    ROVER,
+    events_of,
+    fly_until,
+    make_config,
+    make_flight,
+    records_of,
+    setpoints_since,
+    state_of,
+)
+from tests.pilot import AUTO, BOTH, NAMES, PX4, tracking
+from tests.sent_setpoints import sent_setpoint
+
+README: Final = Path(__file__).parents[1] / "README.md"
+#: Below the band of depth in 20 s: the demo's helix goes down at 0.1 m/s.
+SHALLOW: Final = ("guards.fence_plan_s=0", "guards.fence_down_max_m=2.0")
+
+
+def assert_ended(flight: Lockstep, name: str, seconds: float, mode: str | None = "hold") -> str:
+    """The guard ends the flight, and nothing is sent after; its reason."""
+    began_ns = flight.now_ns
+    assert flight.run(seconds, until=lambda: state_of(flight) in (State.ABORTING, State.ABORTED)), (
+        f"{state_of(flight)}: {flight.guide.engagement.reason}"
+    )
+    told = [event for event in records_of(flight, Event, began_ns) if event.code == f"guard_{name}"]
+    assert [event.level for event in told] == [Level.ERROR], events_of(flight, since_ns=began_ns)
+    assert told[0].text.startswith(f"{name}: ")
+    fly_until(flight, State.ABORTED, 1.1)
+    if mode is not None:
+        assert flight.vehicle.mode in NAMES[mode]
+    aborted_ns = flight.now_ns
+    flight.to_guide = flight.to_vehicle = PERFECT
+    flight.run(10.0)
+    assert setpoints_since(flight, aborted_ns) == []
+    assert state_of(flight) in (State.ABORTED, State.CONNECTED, State.READY)  # that only if it was put down
+    packets = [packet.data for packet in records_of(flight, Packet, began_ns)]
+    texts = [data for data in packets if b"guidance: abort" in data]
+    assert name.encode() in texts[0]
+    return told[0].text
+
+
+@BOTH
+def test_state_that_stops_while_the_link_lives_commands_the_mode(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(firmware, "guards.state_max_s=0.3")
+    flight.vehicle.withhold("ATTITUDE", "ATTITUDE_QUATERNION", "ODOMETRY")
+    assert "the attitude is 0." in assert_ended(flight, "state", 1.0)
+
+
+@BOTH
+def test_a_low_rate_ends_the_flight_before_it_breaks_off(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(firmware, "link.attitude_timeout_s=0.5", "link.position_timeout_s=0.5")
+    flight.to_guide = Channel(loss=0.8)
+    assert " Hz" in assert_ended(flight, "rate", 20.0)
+
+
+@BOTH
+@pytest.mark.parametrize("loss", [0.3, 0.5])
+def test_random_loss_trips_nothing(firmware: tuple[str, ...], loss: float) -> None:
+    flight, _ = tracking(firmware, "guards.state_max_s=0.3", seed=1)
+    flight.to_guide = flight.to_vehicle = Channel(loss=loss, jitter_s=0.1)
+    flight.run(30.0)
+    assert not [text for code, text in codes(flight) if code.startswith("guard_")]
+    assert loss > 0.3 or state_of(flight) is State.TRACKING
+
+
+def codes(flight: Lockstep) -> list[tuple[str, str]]:
+    """The events' codes and texts."""
+    return [(event.code, event.text) for event in records_of(flight, Event)]
+
+
+@BOTH
+def test_old_states_end_the_flight(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(
+        firmware, "link.attitude_timeout_s=1", "link.position_timeout_s=1", "guards.delay_max_s=0.1"
+    )
+    flight.to_guide = flight.to_vehicle = Channel(delay_s=0.2)
+    assert "late" in assert_ended(flight, "delay", 10.0)
+
+
+@BOTH
+def test_a_jump_past_the_limit_ends_the_flight_and_one_below_does_not(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(firmware)
+    flight.vehicle.reset_estimator(flight.now_ns, (5.0, 0.0, 0.0), 0.0)
+    flight.run(1.0)
+    assert state_of(flight) is State.TRACKING
+    flight.vehicle.reset_estimator(flight.now_ns, (55.0, 0.0, 0.0), 0.0)
+    assert assert_ended(flight, "jump", 0.2).startswith("jump: estimator")
+
+
+@BOTH
+def test_a_turned_estimator_ends_the_flight(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(firmware)
+    flight.vehicle.reset_estimator(flight.now_ns, (0.0, 0.0, 0.0), 1.5)
+    assert assert_ended(flight, "jump", 0.2) == "jump: estimator turned by 86 deg"
+
+
+@BOTH
+def test_an_error_that_lasts_ends_the_flight(firmware: tuple[str, ...]) -> None:
+    start = (-40.0, -30.0, 0.0)
+    flight = make_flight(
+        *firmware,
+        *AUTO,
+        "flight.origin=ekf",
+        "guards.error_max_m=10",
+        "guards.error_s=2",
+        initial_position_ned_m=start,
+    )
+    fly_until(flight, State.TRACKING)
+    began_ns = flight.now_ns
+    assert "m off the trajectory" in assert_ended(flight, "error", 3.0)
+    ended = next(event for event in records_of(flight, Event) if event.code == "guard_error")
+    assert 1.9e9 <= ended.t_ns - began_ns <= 2.2e9
+
+
+def test_the_fence_ends_the_flight_before_the_vehicle_is_outside() -> None:
+    flight, _ = tracking(PX4, *SHALLOW, "flight.origin=ekf", "guards.fence_ahead_s=3")
+    assert assert_ended(flight, "fence", 40.0) == "fence: the trajectory leaves the fence in 3 s"
+    assert flight.vehicle.truth().position_ned_m[2] < 2.0
+
+
+@BOTH
+def test_a_vehicle_that_finds_itself_outside_is_stopped_at_once(firmware: tuple[str, ...]) -> None:
+    square = "guards.fence_ned_m=[[-60.0,-60.0],[60.0,-60.0],[60.0,60.0],[-60.0,60.0]]"
+    flight, _ = tracking(firmware, square, "guards.jump_max_m=1000")
+    flight.vehicle.reset_estimator(flight.now_ns, (0.0, 200.0, 0.0), 0.0)
+    assert assert_ended(flight, "fence", 0.2).endswith("m outside the fence")
+
+
+@BOTH
+@pytest.mark.parametrize("way", ["vehicle", "trajectory"])
+def test_what_is_not_inside_the_fence_does_not_engage(firmware: tuple[str, ...], way: str) -> None:
+    east = 0.0 if way == "vehicle" else -29.5  # the start is at -30, and the helix begins to the north
+    fence = f"guards.fence_ned_m=[[-60.0,{east}],[60.0,{east}],[60.0,-60.0],[-60.0,-60.0]]"
+    if way == "vehicle":
+        fence = "guards.fence_ned_m=[[-60.0,0.0],[60.0,0.0],[60.0,60.0],[-60.0,60.0]]"
+    flight = make_flight(*firmware, *AUTO, "flight.origin=engage", "trajectory.name=circle", fence)
+    flight.run(10.0)
+    assert state_of(flight) is State.CONNECTED
+    said = flight.guide.engagement.reason
+    assert ("outside the fence" if way == "vehicle" else "leaves the fence in") in said
+
+
+def test_a_fence_on_earth_is_found_in_the_local_frame() -> None:
+    around = [[47.396, 8.543], [47.399, 8.543], [47.399, 8.548], [47.396, 8.548]]
+    flight = make_flight(*AUTO, f"guards.fence_deg={around}")
+    fly_until(flight, State.TRACKING)
+    elsewhere = [[48.396, 8.543], [48.399, 8.543], [48.399, 8.548], [48.396, 8.548]]
+    flight = make_flight(*AUTO, f"guards.fence_deg={elsewhere}")
+    flight.run(5.0)
+    assert "outside the fence" in flight.guide.engagement.reason
+
+
+@BOTH
+def test_speed_ends_the_flight(firmware: tuple[str, ...]) -> None:
+    flight = make_flight(*firmware, *AUTO, "guards.speed_max_m_s=0.05")
+    fly_until(flight, State.TRACKING)
+    assert "above 0.05 m/s" in assert_ended(flight, "speed", 10.0)
+
+
+def test_tilt_ends_the_flight() -> None:
+    start = (-10.0, -30.0, 40.0)  # far below: it climbs steeply
+    flight = make_flight(*AUTO, "guards.tilt_max_deg=20", initial_position_ned_m=start)
+    fly_until(flight, State.TRACKING)
+    assert "above 20 deg" in assert_ended(flight, "tilt", 10.0)
+
+
+@BOTH
+def test_a_number_that_is_not_finite_is_never_sent(
+    firmware: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight, _ = tracking(firmware)
+    tracker = flight.guide.tracker
+    solve = tracker.solve
+
+    def broken(estimate: Any) -> Any:
+        solution = solve(estimate)
+        return solution._replace(outgoing=solution.outgoing._replace(thrust=float("nan")))
+
+    monkeypatch.setattr(tracker, "solve", broken)
+    since_ns = flight.now_ns
+    assert "not finite" in assert_ended(flight, "number", 0.1)
+    assert not [p for p in records_of(flight, Packet, since_ns + 1) if sent_setpoint(p) is not None]
+
+
+@BOTH
+def test_setpoints_without_effect_end_the_flight(firmware: tuple[str, ...]) -> None:
+    stuck = PlantParameters(max_rate_rad_s=1e-3, max_speed_m_s=1e-3)
+    flight = make_flight(*firmware, *AUTO, plant=stuck)
+    fly_until(flight, State.TRACKING)
+    assert "no effect" in assert_ended(flight, "effect", 6.0)
+
+
+@BOTH
+def test_a_late_loop_ends_the_flight(firmware: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    flight, _ = tracking(firmware)
+    pace = flight.guide.steering.pace
+    taken = pace.taken
+    monkeypatch.setattr(pace, "taken", lambda now_ns: taken(now_ns) - 60_000_000)
+    assert "ms late" in assert_ended(flight, "late", 2.0)
+
+
+BATTERIES: Final = [(BatteryStatus(1, 5, 0), 4.0, "5 %"), (BatteryStatus(1, -1, 3), 4.0, "critical")]
+
+
+@BOTH
+@pytest.mark.parametrize(("battery", "seconds", "words"), BATTERIES, ids=["percent", "state"])
+def test_a_low_battery_ends_the_flight_and_forbids_the_next(
+    firmware: tuple[str, ...], battery: BatteryStatus, seconds: float, words: str
+) -> None:
+    flight, _ = tracking(firmware)
+    flight.guide.guards.heard(battery)
+    assert words in assert_ended(flight, "battery", seconds)
+    assert flight.guide.engagement.engage(flight.now_ns) is None
+    flight.run(2.0)
+    assert state_of(flight) is State.CONNECTED
+    assert words in flight.guide.engagement.reason
+
+
+def _critical() -> int:
+    return 6
+
+
+@BOTH
+def test_the_autopilots_own_failsafe_is_left_alone(
+    firmware: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight, _ = tracking(firmware)
+    monkeypatch.setattr(flight.vehicle._pilot, "system_status", _critical)
+    assert flight.run(1.5, until=lambda: state_of(flight) is State.ABORTED)
+    assert "failsafe: the autopilot's state is EMERGENCY" in events_of(flight, "guard_failsafe")
+    aborted_ns = flight.now_ns
+    assert flight.guide.engagement.engage(flight.now_ns) is None
+    flight.run(10.0)
+    assert setpoints_since(flight, aborted_ns) == []
+    assert state_of(flight) is State.CONNECTED
+
+
+ACTS: Final[dict[str, Callable[[Lockstep], object]]] = {
+    "land": lambda flight: flight.vehicle.mode == "AUTO.LAND",
+    "return": lambda flight: flight.vehicle.mode == "AUTO.RTL",
+    "silence": lambda flight: flight.vehicle.mode == "POSCTL",  # its failsafe
+}
+
+
+@pytest.mark.parametrize("action", ACTS)
+def test_the_action_is_the_one_that_was_chosen(action: str) -> None:
+    flight, _ = tracking(PX4, f"guards.jump_action={action}")
+    flight.vehicle.reset_estimator(flight.now_ns, (50.0, 0.0, 0.0), 0.0)
+    assert_ended(flight, "jump", 0.2, mode=None)
+    assert ACTS[action](flight), flight.vehicle.mode
+
+
+# The table ---------------------------------------------------------------------------------------
+
+
+def test_every_guard_has_an_action_and_every_key_belongs_to_one() -> None:
+    assert {f"{guard.name}_action" for guard in GUARDS} == set(ACTIONS)
+
+
+def test_an_action_that_the_profile_lacks_is_refused_with_those_it_has() -> None:
+    with pytest.raises(ConfigError, match=r'guards.tilt_action = "land": ardupilot-rover has no such mode; '):
+        make_config(*ROVER, "guards.tilt_action=land")
+    with pytest.raises(ConfigError, match='"silence", "manual"'):
+        make_config(*ROVER, "guards.tilt_action=guided")
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["fence_ned_m=[[0.0,0.0],[1.0,0.0]]"], "2 corners make no fence"),
+        (["fence_ned_m=[[0.0,0.0],[1.0,1.0],[1.0,0.0],[0.0,1.0]]"], "its edges cross"),
+        (["fence_ned_m=[[0.0,0.0],[1.0,1.0],[2.0,2.0]]"], "nothing inside"),
+        (["fence_ned_m=[[0.0,nan],[1.0,1.0],[2.0,2.0]]"], "a list of pairs of numbers"),
+        (["fence_deg=[[0.0,0.0],[91.0,1.0],[2.0,0.0]]"], "latitude -90 to 90"),
+        (["fence_deg=[[0.0,0.0],[1.0,1.0],[2.0,0.0]]", "fence_ned_m=[[0.0,0.0]]"], "set only one"),
+        (["fence_down_min_m=2", "fence_down_max_m=1"], "below fence_down_max_m"),
+        (["fence_down_max_m=1"], "outside the fence after 10.25 s"),
+    ],
+)
+def test_a_fence_that_makes_no_sense_is_refused(settings: list[str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        make_config("flight.origin=ekf", *(f"guards.{setting}" for setting in settings))
+
+
+def test_the_readme_shows_the_guards_as_they_are() -> None:
+    begin, end = "<!-- guards table: begin -->", "<!-- guards table: end -->"
+    readme = README.read_text(encoding="utf-8")
+    shown = readme.split(begin)[1].split(end)[0].strip()
+    assert shown == table_markdown().strip(), f"README.md should say:\n\n{table_markdown()}"

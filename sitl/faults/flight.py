@@ -195,7 +195,7 @@ class Flight:
     def kill_and_restart(self) -> None:
         """The process is killed, and another one starts."""
         self.line.restart_guide()
-        self.witness.restarted()
+        self.witness.restarted(self.line.now_ns)
 
     def reboot(self) -> None:
         """The autopilot reboots."""

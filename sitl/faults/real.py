@@ -48,7 +48,7 @@ class RealOutcome(NamedTuple):
 async def _kill_service(rig: Rig) -> list[str]:
     await rig.kill("service")
     killed_ns = time.monotonic_ns()
-    rig.witness.restarted()
+    rig.witness.restarted(killed_ns)
     said = len(rig.says)
     await rig.start_service()
     await rig.says_anew("withheld: ", said)

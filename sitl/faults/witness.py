@@ -66,7 +66,7 @@ class Witness:
         self._digest = hashlib.sha256()
         self._ranges = _ranges(config)
         self._readers = {True: FrameReader(), False: FrameReader()}
-        self._epoch = 0
+        self._restarts_ns: list[int] = []
         self._first: dict[tuple[int, int], int] = {}  # when a state of this time was sent first
         self._attitude = _Newest()
         self._position = _Newest()
@@ -89,10 +89,10 @@ class Witness:
         self._forbidden_ns = self._came_ns = None
         self._held = self.was_in_control = False
 
-    def restarted(self) -> None:
+    def restarted(self, now_ns: int) -> None:
         """Another process of the service: its times begin anew, and it inherits no permission."""
-        self._in_order()
-        self._epoch = len(self.setpoints)
+        self._restarts_ns.append(now_ns)
+        self._forbidden_ns = now_ns
 
     def rebooted(self) -> None:
         """The autopilot begins anew, and so do its times, by which it is to be seen."""
@@ -190,8 +190,11 @@ class Witness:
         sent_ns = setpoint.sent_ns
         open_ns = math.inf if self._forbidden_ns is None else self._forbidden_ns
         if sent_ns > open_ns or any(begin < sent_ns < end for begin, end in self._forbidden):
-            on_offer = not any(setpoint.asked) and not self._armed and not self._is_control()
-            if self._config.supervisor.engage == "auto" or not on_offer:
+            # A neutral stream that cannot take control is offered to a pilot, who may switch to it. Who was
+            # handed over in flight waits until the vehicle is down, with `auto` until it is commanded.
+            waited = not self._armed and self._config.supervisor.engage != "auto"
+            harmless = not any(setpoint.asked) and not self._is_control()
+            if not (harmless and (waited or self._restarts_ns)):
                 self._break("a setpoint was sent after a hand-over")
         if self.was_in_control and self._came_ns is not None:
             silence_s = (now_ns - self._came_ns) / _NANOSECONDS
@@ -205,9 +208,10 @@ class Witness:
 
     def _in_order(self) -> None:
         """Each setpoint is of its own instant: in the order of sending, their times increase."""
-        times = [setpoint.boot_ms for setpoint in sorted(self.setpoints[self._epoch :])]
-        if any(later <= earlier for earlier, later in pairwise(times)):
-            self._break("a setpoint was sent twice, or with an older time")
+        for earlier, later in pairwise(sorted(self.setpoints)):
+            another = any(earlier.sent_ns < at_ns <= later.sent_ns for at_ns in self._restarts_ns)
+            if later.boot_ms <= earlier.boot_ms and not another:
+                self._break("a setpoint was sent twice, or with an older time")
 
     def _break(self, what: str) -> None:
         if what not in self.broken and len(self.broken) < 8:

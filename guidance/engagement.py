@@ -174,10 +174,11 @@ class Engagement:
         if not view.connected or view.armed is None or view.custom_mode is None:
             self.reason = view.absent_because
             return None
-        if view.armed and self._auto is _Auto.MAY_ENGAGE:
+        used = view.armed or self._control in (view.custom_mode, view.intended_mode)
+        if used and self._auto is _Auto.MAY_ENGAGE:
             # Somebody flies it, or did, perhaps with this service before it was killed: `auto` must not take
-            # it from whoever has it, nor arm what the pilot disarms.
-            self._auto = _Auto.FOUND_ARMED
+            # it from whoever has it, nor arm what the pilot disarmed.
+            self._auto = _Auto.FOUND_IN_USE
         if view.armed and may_obey(self.profile, view):
             return Event.FOUND_IN_CONTROL, withheld_reason(self.profile, view)
         return Event.FOUND, "autopilot found"
@@ -334,7 +335,7 @@ class _Auto(Enum):
     """What has become of `engage = "auto"`."""
 
     MAY_ENGAGE = auto()
-    FOUND_ARMED = auto()  # as good as spent; but PX4 gets a stream to switch to
+    FOUND_IN_USE = auto()  # as good as spent; but PX4 gets a stream to switch to
     SPENT = auto()  # handed over, held or aborted: until the operator commands to engage
 
 

@@ -179,14 +179,20 @@ def test_the_engage_command_is_answered_in_every_state(profile: Profile) -> None
 
 
 @BOTH
-def test_auto_leaves_alone_what_it_finds_armed_even_once_that_is_disarmed(profile: Profile) -> None:
-    """A pilot may fly it, who took it from this very service before it was killed."""
-    it = bench(profile, "auto", arm=True, armed=True)
-    it.see()
-    assert it.see(60.0) == []
-    assert it.state() is State.READY
-    it.see(armed=False)
-    assert it.see(60.0) == []
-    assert it.engage() is None
-    it.see()
-    assert it.state() is State.STREAMING
+def test_auto_leaves_alone_what_it_finds_in_use_even_once_that_is_put_down(profile: Profile) -> None:
+    """A pilot may fly it, or have disarmed it, who took it from this very service before it was killed."""
+    control, hold = profile.control_mode.custom_mode, mode(profile, "hold")
+    in_mode = {"custom_mode": control, "intended_mode": control}
+    for found, put_down in (
+        ({"armed": True}, {"armed": False}),
+        (in_mode, {"custom_mode": hold, "intended_mode": hold}),
+    ):
+        it = bench(profile, "auto", arm=True, **found)
+        it.see()
+        assert it.see(60.0) == []
+        assert it.state() is State.READY
+        it.see(**put_down)
+        assert it.see(60.0) == []
+        assert it.engage() is None
+        it.see()
+        assert it.state() is State.STREAMING

@@ -112,6 +112,31 @@ def _restarts() -> list[Fault]:
                     seconds=off_s + 10.0,
                 )
             )
+    rows += [
+        Fault(
+            title="the pilot disarms in flight, and the service is killed and back at once",
+            firmware=firmware,
+            steps=(Step(0.0, _disarm), Step(0.05, Flight.kill_and_restart)),
+            expected=Expected(
+                frozenset({State.READY}),
+                may=SILENCE,
+                never=frozenset({Never.TRACKS, Never.ARMED}),
+            ),
+        )
+        for firmware in BOTH
+    ]
+    rows += [
+        Fault(
+            title="the pilot takes over, and the service is killed and back at once",
+            firmware=firmware,
+            steps=(
+                Step(0.0, _pilot_switches(_OTHER[firmware][0])),
+                Step(0.7, Flight.kill_and_restart),
+            ),
+            expected=hands_over(0.6, modes=frozenset({_OTHER[firmware][1]}), states=frozenset({State.READY})),
+        )
+        for firmware in BOTH
+    ]
     return rows
 
 

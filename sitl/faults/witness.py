@@ -144,6 +144,8 @@ class Witness:
         if sent_ns < self._shown_ns or self.deceived:
             return  # overtaken, or perhaps not the vehicle's
         self._shown_ns, self._mode, self._armed = sent_ns, mode, armed
+        if self._restarts_ns and not armed and not self._is_control():
+            self.permit(now_ns)  # put down and out of the control mode: the new process is a new start
         held = armed and mode == self._profile.control_mode.custom_mode
         if self._held and not held and self._flown:
             self._forbid(now_ns)

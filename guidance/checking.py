@@ -133,7 +133,7 @@ def _unknown(key: str, kind: type[msgspec.Struct], hints: Mapping[str, Any], abo
 
 
 def _meant(wrong: object, known: Iterable[str]) -> str:
-    close = get_close_matches(str(wrong), list(known), n=1)
+    close = get_close_matches(wrong, list(known), n=1) if isinstance(wrong, str) else []
     return f" (did you mean {close[0]}?)" if close else ""
 
 

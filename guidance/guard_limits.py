@@ -122,7 +122,7 @@ def guard_conflicts(
         fence = fence_of(config, corners)
     elif not isinstance(origin, str) and config.fence_deg:  # the depth is the estimator's: not known yet
         fence = Fence(tuple(profile.project((*at, origin[2]), origin)[:2] for at in corners))
-    if fence is None:
+    if fence is None or fence == Fence():
         return
     after_s = leaves_after_s(fence, trajectory, Vec3(0.0, 0.0, 0.0), 0.0, config.fence_plan_s)
     if after_s is not None:

@@ -156,7 +156,7 @@ def _rate(look: Look) -> str | None:
 def _delay(look: Look) -> str | None:
     if isinstance(look.state, str):
         return None  # older still: another guard's
-    age_s = look.state.attitude_age_s - look.config.link.actuation_delay_s
+    age_s = (look.now_ns - look.state.attitude.instant_ns) * 1e-9
     limit_s = look.guards.delay_max_s
     return None if age_s <= limit_s else f"the state comes {age_s:.2f} s late, {limit_s:g} s at most"
 

@@ -14,16 +14,15 @@ from guidance.tracker import Tracker
 from guidance.view import STALLED_S
 
 
-def young(estimate: Estimate | None, config: Link) -> Estimate | str:
+def young(estimate: Estimate | None, config: Link, now_ns: int) -> Estimate | str:
     """The estimate if attitude and position are younger than their time-outs, else why it must not be used.
 
-    The ages count to the instant that the setpoint acts, so that the delay of the actuators, which is
-    predicted as well, is taken off.
+    They are as old as they are now: that the setpoint acts later makes them no older.
     """
     if estimate is None:
         return "no attitude or no position yet"
-    attitude_age_s = estimate.attitude_age_s - config.actuation_delay_s
-    position_age_s = estimate.position_age_s - config.actuation_delay_s
+    attitude_age_s = (now_ns - estimate.attitude.instant_ns) * 1e-9
+    position_age_s = (now_ns - estimate.position.instant_ns) * 1e-9
     if attitude_age_s > config.attitude_timeout_s:
         return f"the attitude is {attitude_age_s:.2f} s old"
     if position_age_s > config.position_timeout_s:

@@ -270,5 +270,8 @@ TOPICS: Final[dict[type[Record], str]] = {
     Lost: "lost",
 }
 
+#: What decoding a payload raises that is not the JSON of its record: not JSON, not UTF-8, nested too deeply.
+NOT_A_RECORD: Final = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+
 #: Topics that only the log gets: the raw traffic, and the marks of the recorder itself.
 LOG_ONLY: Final = frozenset({"input", "packet", "lost"})

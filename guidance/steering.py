@@ -51,7 +51,7 @@ class Steering:
 
     def acts_ns(self, now_ns: int) -> int:
         """The instant at which a setpoint sent now acts."""
-        return now_ns + self._delay_ns
+        return now_ns + round(self._link.clock.uplink_s * 1e9) + self._delay_ns
 
     def basis(self, now_ns: int) -> Estimate | str:
         """The state that a setpoint may be made of now, or why none may be sent."""
@@ -60,7 +60,8 @@ class Steering:
 
     def estimate(self, now_ns: int) -> Estimate | str:
         """The state at the instant that a setpoint sent now acts, or why there is none to be used."""
-        return young(self._estimator.at(self.acts_ns(now_ns)), self._config.link)
+        estimate = self._estimator.at(self.acts_ns(now_ns), self._tracker.history)
+        return young(estimate, self._config.link, now_ns)
 
     def send(self, now_ns: int, boot_ms: int, *, law: bool) -> Sent | str:
         """Compute and send one setpoint, of the law or neutral, or say why not."""

@@ -21,6 +21,7 @@ from guidance.estimate import Estimate
 from guidance.law import UNSTARTED, Evaluation, Memory, guide_step, planar
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import Outgoing, Profile, outgoing
+from guidance.prediction import NOTHING_SENT, History, sent
 from guidance.se3 import (
     ZERO,
     Pose,
@@ -73,6 +74,7 @@ class Tracker:
         self._limits = config.limits
         self._parameters = parameters(config.law, config.limits, ZERO, planar=profile.planar)
         self._memory: Memory = UNSTARTED
+        self._history = NOTHING_SENT
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
@@ -89,6 +91,11 @@ class Tracker:
         """How far the tracked reference is from the trajectory since resets of the autopilot's estimator; of
         a planar vehicle in the plane."""
         return ZERO if self.start_ns is None else self._offset.position
+
+    @property
+    def history(self) -> History:
+        """The setpoints of this flight, none before and after it."""
+        return NOTHING_SENT if self.start_ns is None else self._history
 
     def stop(self) -> None:
         """The flight is over; the next one starts anew."""
@@ -109,6 +116,7 @@ class Tracker:
         self.paused_s = None
         self.origin_ned_m = origin_ned_m
         self._memory = UNSTARTED
+        self._history = NOTHING_SENT
         self._stepped_ns = instant_ns
         self._forget_resets()
         found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
@@ -212,6 +220,7 @@ class Tracker:
             reference = blended(reference, self._offset)
         self._memory, evaluation = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
         u = evaluation.controls
+        self._history = sent(self._history, estimate.instant_ns, Vec3(u.u1, u.u2, u.u3))
         return Solution(
             trajectory_s,
             reference,

@@ -10,7 +10,7 @@ from guidance.mavlink.report import absence
 
 #: More silence than this counts, or half the firmware's own time-out if that is less.
 SILENCE_S: Final = 0.75
-#: Setpoints that nobody answers for longer do not arrive. (A question goes out 20 times a second: with 30 %
+#: Setpoints that nobody answers for longer do not arrive. (A question goes out 25 times a second: with 30 %
 #: of loss each way so many unanswered ones running come once in a day of flight.)
 UNANSWERED_S: Final = 1.0
 #: Where nothing is lost, unanswered for so long means that the other end does not read: what is sent waits in

@@ -17,6 +17,7 @@ import typer
 from sitl import paper as section_4
 from sitl.campaign.command import campaign
 from sitl.faults.command import faults
+from sitl.fuzzing.command import fuzz
 from sitl.plant import PlantParameters
 from sitl.shell import ShellOptions, run
 from sitl.vehicle import Firmware, Origin, VehicleOptions
@@ -39,6 +40,7 @@ benchmarks = typer.Typer(help="Measure, beside the goals.", add_completion=False
 app.add_typer(benchmarks, name="bench")
 app.command()(campaign)
 app.command()(faults)
+app.command()(fuzz)
 
 
 @app.command()
@@ -256,6 +258,23 @@ def bench_loop(
 
     report = loop.measure(rounds)
     _print_bench(report, loop.rows(report), report["notes"], as_json=as_json)
+    raise typer.Exit(0 if report["met"] else 1)
+
+
+@benchmarks.command("link")
+def bench_link(
+    flights: Annotated[int, typer.Option(min=1, help="Flights of each kind, with seeds of their own.")] = 10,
+    seconds: Annotated[float, typer.Option(min=20.0, help="How long each one tracks.")] = 60.0,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
+) -> None:
+    """Measure tracking over links that lose and delay, and which loss and gap end a flight: on virtual time.
+
+    Takes a minute or two. Exit status 0 only if every goal is met; the figures depend on no machine.
+    """
+    from sitl import bench_link as link
+
+    report = link.measure(flights, seconds)
+    _print_bench(report, link.rows(report), (), as_json=as_json)
     raise typer.Exit(0 if report["met"] else 1)
 
 

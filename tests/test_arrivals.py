@@ -51,6 +51,7 @@ def test_a_new_field_of_this_version_is_passed_over() -> None:
         ("v/status", OURS, b"", "garbage", "status: ", None),
         ("v/status", OURS, b"{}", "garbage", "missing required field", None),
         ("v/status", OURS, b'{"t_ns":"\xff"}', "garbage", "status: ", None),
+        ("v/status", OURS, b'{"new":' + b"[" * 5000, "garbage", "recursion", None),
         ("v/status", OURS, b" " * (LARGEST_BYTES + 1), "garbage", "bytes", None),
         ("\x1b[2J/status", OURS, STATUS, "no name of a vehicle", "", None),
         ("x" * 65 + "/status", OURS, STATUS, "no name of a vehicle", "", None),

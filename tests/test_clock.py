@@ -86,6 +86,33 @@ def test_an_even_link_and_an_even_clock_are_followed_to_the_microsecond() -> Non
     assert talk.filter.offset_ns(EPOCH + talk.t) == pytest.approx(EPOCH - 100 * SECOND, abs=1000)
 
 
+@pytest.mark.parametrize("round_trip_s", [0.0, 0.001, 0.2])
+def test_the_way_to_the_autopilot_is_measured(round_trip_s: float) -> None:
+    talk = Talk(constant(), even(round_trip_s))
+    assert talk.filter.uplink_s == 0.0  # before anything is known
+    talk.run(50)
+    assert talk.filter.uplink_s == pytest.approx(0.5 * round_trip_s, abs=1e-6)
+    talk.filter.reset()
+    assert talk.filter.uplink_s == 0.0
+
+
+def test_the_way_to_the_autopilot_is_a_mean_that_jitter_hardly_moves() -> None:
+    talk = Talk(constant(), lambda dice: (0.1 * dice.random(), 0.1 * dice.random()))
+    talk.run(200)
+    seen = [talk.filter.uplink_s for _ in range(300) if talk.ask()]
+    assert np.mean(seen) == pytest.approx(0.05, abs=0.005)
+    assert max(abs(np.diff(seen))) < 0.001
+    assert np.ptp(seen) < 0.02
+
+
+def test_unequal_ways_are_wrong_by_as_much_as_the_clock_and_right_together() -> None:
+    talk = Talk(constant(), lambda _: (0.08, 0.02))
+    talk.run(100)
+    believed_younger_s = talk.errors_ms[-1] * 1e-3
+    assert believed_younger_s == pytest.approx(-0.03, abs=1e-3)
+    assert talk.filter.uplink_s - believed_younger_s == pytest.approx(0.08, abs=1e-3)
+
+
 def test_nothing_is_synced_before_enough_answers_or_long_after_the_last() -> None:
     talk = Talk(constant(), even(0.001))
     for n in range(SYNCED_AFTER):

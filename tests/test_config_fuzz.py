@@ -87,3 +87,8 @@ def test_every_single_value_can_be_anything() -> None:
                 outcome(TEXT, f"{table.name}.{field.name}={value}")
                 tried += 1
     assert tried > 30 * len(SCALARS)
+
+
+def test_a_number_of_thousands_of_digits_may_stand_where_a_name_should() -> None:
+    outcome(TEXT.replace('name = "helix"', "name = 0x" + "f" * 5000))
+    outcome(TEXT, "trajectory.name=0x" + "f" * 5000)

@@ -140,10 +140,13 @@ def test_every_setpoint_is_computed_for_the_instant_at_which_it_is_sent_and_none
     assert all(b > a for a, b in pairwise(instants))
 
     setpoints = records_of(flight, Setpoint)
-    assert [s.t_ns for s in setpoints] == instants
+    assert all(b.t_ns > a.t_ns for a, b in pairwise(setpoints))
+    # It acts when it arrives; this link is late in one direction, which cannot be told from half in each.
+    on_the_way_s = [(s.t_ns - t_ns) * 1e-9 for s, t_ns in zip(setpoints, instants, strict=True)]
+    assert 0.002 < min(on_the_way_s) < max(on_the_way_s) < 0.03
     assert [s.seq for s in setpoints] == list(range(1, len(setpoints) + 1))
     states = {state.t_ns: state for state in records_of(flight, State)}
-    used = [states[t_ns] for t_ns in instants]
+    used = [states[setpoint.t_ns] for setpoint in setpoints]
     newest = [state.t_ns - round(state.predicted_s * 1e9) for state in used]
     assert all(b >= a for a, b in pairwise(newest))
     assert len({state.predicted_s for state in used}) > 50  # lost and late data: much of it is predicted

@@ -71,6 +71,11 @@ STEPS: Final = st.builds(
 
 #: An ordinary way into flight, so that much happens there, too.
 TAKE_OFF: Final = [Step(0.05, "engage" * (i == 1), "cooperate") for i in range(8)]
+BEGIN: Final[tuple[list[Step], ...]] = (
+    [],
+    TAKE_OFF,
+    [*TAKE_OFF, *(Step(0.05, "hold", "cooperate") for _ in range(3))],
+)
 
 
 class Walk:
@@ -271,9 +276,9 @@ def test_the_invariants_hold_whatever_happens(profile: Profile, engage: str) -> 
     seen.clear()
 
     @settings(max_examples=250)
-    @given(st.booleans(), st.booleans(), st.booleans(), st.lists(STEPS, min_size=10, max_size=60))
-    def explore(arm: bool, flying: bool, shutdown: bool, steps: list[Step]) -> None:
-        walk(profile, engage, arm, shutdown, [*(TAKE_OFF if flying else []), *steps])
+    @given(st.booleans(), st.sampled_from(BEGIN), st.booleans(), st.lists(STEPS, min_size=10, max_size=60))
+    def explore(arm: bool, begin: list[Step], shutdown: bool, steps: list[Step]) -> None:
+        walk(profile, engage, arm, shutdown, [*begin, *steps])
 
     explore()
     for what in (*HAPPENS, *State):

@@ -64,6 +64,25 @@ def test_a_mode_that_was_overtaken_on_the_way_is_not_believed() -> None:
     assert peer.counters == {"late": 1, "overtaken_mode": 1}
 
 
+def test_a_heartbeat_whose_mode_was_overtaken_is_a_sign_of_life_all_the_same() -> None:
+    """With 100 ms of jitter half of them are: counted as lost, 30 % of loss would end the link in minutes."""
+    peer = Peer()
+    peer.heartbeat(POSITION_MODE, sequence=10)
+    peer.say(dialect.MAVLink_current_mode_message(0, OFFBOARD, OFFBOARD), after_ms=1000, sequence=12)
+    peer.heartbeat(POSITION_MODE, after_ms=5, sequence=11)
+    assert peer.link.heartbeat_ns == peer.now
+    assert peer.link.connected(peer.now + 3 * SECOND)
+    assert peer.link.custom_mode == OFFBOARD
+
+
+def test_a_heartbeat_that_was_overtaken_by_the_next_says_nothing() -> None:
+    peer = Peer()
+    peer.heartbeat(OFFBOARD, sequence=11)
+    heard_ns, heartbeat = peer.link.heartbeat_ns, peer.link.heartbeat
+    peer.heartbeat(POSITION_MODE, after_ms=5, sequence=10)
+    assert (peer.link.heartbeat_ns, peer.link.heartbeat) == (heard_ns, heartbeat)
+
+
 def test_damaged_frames_are_counted_and_change_nothing() -> None:
     peer = Peer()
     packet = Sender().pack(dialect.MAVLink_heartbeat_message(*PX4_HEARTBEAT))

@@ -12,6 +12,7 @@ from guidance.readiness import first_unmet, young
 from guidance.se3 import IDENTITY, ZERO, Pose, Twist, Vec3
 from tests.helpers import make_config, make_flight
 
+MS = 1_000_000
 START = Vec3(0.0, 1.0, 0.0)
 
 
@@ -36,6 +37,15 @@ def ready() -> tuple[Guide, int]:
     return flight.guide, flight.now_ns
 
 
+def measured(attitude_ms: int, position_ms: int) -> Estimate:
+    """An estimate of samples that were measured at these instants."""
+    one = estimate()
+    return one._replace(
+        attitude=one.attitude._replace(instant_ns=attitude_ms * MS),
+        position=one.position._replace(instant_ns=position_ms * MS),
+    )
+
+
 def unmet(guide: Guide, now_ns: int, state: Estimate | str, *, engaging: bool = False) -> str | None:
     """What stands in the way."""
     return first_unmet(guide.config, guide.profile, guide.link, guide.tracker, state, now_ns, engaging)
@@ -43,17 +53,17 @@ def unmet(guide: Guide, now_ns: int, state: Estimate | str, *, engaging: bool = 
 
 def test_a_state_may_be_used_while_attitude_and_position_are_young() -> None:
     link = make_config("link.attitude_timeout_s=0.2", "link.position_timeout_s=0.3").link
-    assert young(None, link) == "no attitude or no position yet"
-    assert isinstance(young(estimate(0.2, 0.3), link), Estimate)
-    assert young(estimate(0.21, 0.1), link) == "the attitude is 0.21 s old"
-    assert young(estimate(0.1, 0.31), link) == "the position is 0.31 s old"
+    assert young(None, link, 0) == "no attitude or no position yet"
+    assert isinstance(young(measured(-199, -299), link, 0), Estimate)
+    assert young(measured(-210, -100), link, 0) == "the attitude is 0.21 s old"
+    assert young(measured(-100, -310), link, 0) == "the position is 0.31 s old"
 
 
-def test_the_delay_of_the_actuators_is_no_age() -> None:
-    delayed = make_config("link.actuation_delay_s=0.15").link
-    assert isinstance(young(estimate(0.349, 0.449), delayed), Estimate)
-    assert young(estimate(0.36, 0.1), delayed) == "the attitude is 0.21 s old"
-    assert young(estimate(0.1, 0.46), delayed) == "the position is 0.31 s old"
+def test_that_a_setpoint_acts_later_is_no_age() -> None:
+    link = make_config().link
+    later = measured(-190, -290)._replace(instant_ns=150 * MS, attitude_age_s=0.34, position_age_s=0.44)
+    assert young(later, link, 0) is later
+    assert young(later, link, 20 * MS) == "the attitude is 0.21 s old"
 
 
 def test_all_is_well_at_the_start(ready: tuple[Guide, int]) -> None:

@@ -49,8 +49,9 @@ FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 FAULTS = [".venv/bin/sitl faults", ".venv/bin/sitl faults --real"]  # parts of both in tests of their own
+FUZZ = [c for c in COMMANDS if c.startswith(".venv/bin/sitl fuzz")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
-BENCHES = [".venv/bin/sitl bench latency", ".venv/bin/sitl bench loop"]  # in tests of their own
+BENCHES = [f".venv/bin/sitl bench {what}" for what in ("latency", "loop", "link")]  # in tests of their own
 MAKE_A_KEY = "(umask 077 && openssl rand -hex 32 > signing.key)"
 OTHERS = [
     INSTALL_AND_FLY,
@@ -79,6 +80,7 @@ def test_every_command_is_run_by_a_test_here() -> None:
             *WATCHES,
             *PAPER,
             *CAMPAIGNS,
+            *FUZZ,
             *FOXGLOVE,
             *ON_THE_VEHICLE,
             *OTHERS,
@@ -159,6 +161,14 @@ def test_campaigns_run(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert arguments != command
     outcome = CliRunner().invoke(sitl_cli.app, words(arguments))
     assert outcome.exit_code == 0, outcome.output
+
+
+@pytest.mark.parametrize("command", FUZZ)
+def test_the_fuzzer_runs(command: str) -> None:
+    arguments = words(re.sub(r"--inputs \d+", "--inputs 50", command))
+    outcome = CliRunner().invoke(sitl_cli.app, arguments)
+    assert outcome.exit_code == 0, outcome.output
+    assert "nothing found" in outcome.stdout
 
 
 @pytest.mark.parametrize("command", FOXGLOVE)

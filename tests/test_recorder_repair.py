@@ -205,6 +205,16 @@ def test_a_chunk_damaged_at_the_end_is_cut_off(small: bytes, tmp_path: Path) -> 
     assert opens_everywhere(path) == readable(path)[0]
 
 
+def test_a_chunk_whose_checksum_does_not_hold_is_cut_off(small: bytes, tmp_path: Path) -> None:
+    *_, before, last = ends_of_chunks(small)
+    checksum = before + small[before:].index(b"zstd") - 4 - 4  # the name's length stands between
+    path = tmp_path / "flipped.mcap"
+    path.write_bytes(small[:checksum] + bytes([small[checksum] ^ 1]) + small[checksum + 1 : last])
+    assert close_log(path, "rover1")
+    assert ends_of_chunks(path.read_bytes())[-1] == before
+    assert opens_everywhere(path) == readable(path)[0]
+
+
 def test_a_log_damaged_in_its_middle_is_left_as_it_is(small: bytes, tmp_path: Path) -> None:
     path = tmp_path / "broken.mcap"
     content = small[: ends_of_chunks(small)[2] - 9] + bytes(9 << 20)  # more than a crash can leave behind

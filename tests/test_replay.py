@@ -229,3 +229,47 @@ def test_an_input_that_cannot_be_read_is_refused(log: Path, tmp_path: Path) -> N
 
     with pytest.raises(ReplayError, match="input 24 cannot be read: Invalid enum value 'tock'"):
         replay(rewritten(log, tmp_path, spoil))
+
+
+def spoilt_last(topic: str, change: Callable[[bytes], bytes], log: Path) -> Callable[[str, bytes], bytes]:
+    """A change of the last message of a topic alone."""
+    last = sum(1 for found, _ in read_log(log) if found == topic)
+    numbers = itertools.count(1)
+
+    def change_one(found: str, payload: bytes) -> bytes:
+        return change(payload) if found == topic and next(numbers) == last else payload
+
+    return change_one
+
+
+@pytest.mark.parametrize("spoilt", [b"7", b"[]", b'{"t_ns":', b"\xff", b"[" * 5000])
+def test_a_message_that_is_no_record_any_more_is_a_difference(
+    log: Path, tmp_path: Path, spoilt: bytes
+) -> None:
+    found = replay(rewritten(log, tmp_path, spoilt_last("status", lambda _: spoilt, log)))
+    assert found.difference is not None
+    assert found.difference.topic == "status"
+    assert str(found.difference)
+
+
+@pytest.mark.parametrize("spoilt", [b"\xff", b"[" * 5000, b'{"session_id":"\xd8"}'])
+def test_a_session_that_cannot_be_decoded_is_refused(log: Path, tmp_path: Path, spoilt: bytes) -> None:
+    with pytest.raises(ReplayError, match="its session record cannot be used"):
+        replay(rewritten(log, tmp_path, lambda topic, payload: spoilt if topic == "session" else payload))
+
+
+def test_an_input_that_no_service_had_is_refused(log: Path, tmp_path: Path) -> None:
+    def foreign(payload: bytes) -> bytes:
+        return payload.replace(b'"tick"', b'"command"').replace(b'"datagram"', b'"command"')
+
+    with pytest.raises(ReplayError, match=r"no service had input \d+ like this"):
+        replay(rewritten(log, tmp_path, spoilt_last("input", foreign, log)))
+
+
+def test_a_packet_of_a_signed_link_that_is_no_record_any_more_is_a_difference(tmp_path: Path) -> None:
+    flight = make_flight("link.signing_key_file=signing.key", signing_key=bytes(range(32)))
+    flight.run(1.0)
+    whole = write(tmp_path / "whole", flight.records, "link.signing_key_file=signing.key")
+    found = replay(rewritten(whole, tmp_path / "spoilt", spoilt_last("packet", lambda _: b"7", whole)))
+    assert found.difference is not None
+    assert found.difference.topic == "packet"

@@ -7,6 +7,7 @@ import pytest
 from guidance.mavlink.budget import affords_odometry
 from guidance.mavlink.streams import SLOWEST_HZ, Stream, Streams, wanted_streams
 from guidance.records import StreamStatus
+from sitl.fuzzing.sizes import longest
 
 SECOND = 1_000_000_000
 MS = 1_000_000
@@ -53,6 +54,13 @@ def test_the_verdicts_fall_apart_one_by_one() -> None:
     assert stream.alive(now + 220 * MS)
     assert not stream.alive(now + 221 * MS)
     assert verdicts(stream.status(now + 221 * MS)) == (False, False, False)
+
+
+def test_a_flood_within_a_second_takes_no_more_memory_and_keeps_its_rate() -> None:
+    stream = Stream(ATTITUDE, 50.0)
+    now = play(stream, 0, 1.0, 20_000.0)
+    assert stream.rate_hz(now) == pytest.approx(20_000.0, rel=0.01)
+    assert longest(stream).length <= 1000
 
 
 def test_the_rate_falls_while_nothing_comes_and_is_not_fooled_by_bursts() -> None:

@@ -283,3 +283,15 @@ def test_nothing_that_arrives_breaks_it(firmware: Firmware, events: list[Any], d
     # A reboot, if the dice order one, starts the numbers again.
     steps = {(b.get_seq() - a.get_seq()) % 256 for a, b in pairwise(heard) if b.get_seq() != 0}
     assert steps <= {1}
+
+
+def test_a_clock_of_signatures_that_was_moved_to_its_end_stays_there() -> None:
+    """By another holder of the key; 48 bits hold no more."""
+    state = PlantState((0.0, 0.0, 0.0), attitude_from_euler(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+    sample = Sample(1_000_000, state, Origin(), None, 0.0, 0.0, azimuthal_equidistant)
+    message = Px4(VehicleOptions()).builders()[common.ID[QUICK[0]]](sample)
+    ours = mavlink.MAVLink(None, 1, 1)
+    ours.signing.secret_key, ours.signing.sign_outgoing = bytes(32), True
+    ours.signing.timestamp = 2**48 + 5
+    for _ in range(2):
+        assert message.pack(ours)[-12:-6] == b"\xff" * 6

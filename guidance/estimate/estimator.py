@@ -2,7 +2,8 @@
 
 Both samples are kept with the instant of their measurement, on the companion's clock. The vehicle is taken
 to keep its twist: the newest attitude is turned to the instant of the newest position by the body rates,
-the velocity is seen from there, and the pose moves on along that constant twist to the instant asked for.
+the velocity is seen from there, and the pose moves on along that constant twist to the instant asked for, or
+as the setpoints say that act until then.
 A sample that is not finite, not newer than the one before of its kind, or not from a plausible instant is
 refused under a name and changes nothing.
 
@@ -46,15 +47,14 @@ from guidance.mavlink.messages import (
     Odometry,
     StateBody,
 )
+from guidance.prediction import NOTHING_SENT, History, predict
 from guidance.se3 import (
     ZERO,
     Pose,
     Twist,
     Vec3,
     add,
-    compose,
     conjugate,
-    exp,
     multiply,
     norm,
     quaternion_exp,
@@ -272,8 +272,10 @@ class Estimator:
 
     # The state ---------------------------------------------------------------------------------------
 
-    def at(self, instant_ns: int) -> Estimate | None:
+    def at(self, instant_ns: int, history: History = NOTHING_SENT) -> Estimate | None:
         """The state at `instant_ns`; None until there are both an attitude and a position.
+
+        `history` is of setpoints that the vehicle obeys (`guidance.prediction`).
 
         Whether it is young enough to be used is the caller's decision, by the ages.
         """
@@ -293,7 +295,7 @@ class Estimator:
         at_position = multiply(q, quaternion_exp(scale(back_s, rates)))
         twist = Twist(rates, rotate_inverse(at_position, position.velocity_ned_m_s))
         ahead_s = (instant_ns - position.instant_ns) * 1e-9
-        pose = compose(Pose(x, at_position), exp(twist, ahead_s))
+        pose, twist = predict(history, Pose(x, at_position), twist, position.instant_ns, instant_ns)
         return Estimate(
             instant_ns=instant_ns,
             pose=pose,

@@ -18,7 +18,7 @@ from guidance.mavlink.streams import Stream, state_hz
 #: Header, checksum and signature of a MAVLink 2 frame.
 OVERHEAD_BYTES: Final = 10 + 2 + 13
 #: HEARTBEAT and TIMESYNC, each way.
-_ALWAYS_HZ: Final = (("HEARTBEAT", 1.0), ("TIMESYNC", 20.0))
+_ALWAYS_HZ: Final = (("HEARTBEAT", 1.0), ("TIMESYNC", 25.0))
 _SETPOINT: Final = "SET_ATTITUDE_TARGET"
 #: Above this part of its capacity a line counts as full.
 FULL: Final = 0.9

@@ -25,6 +25,7 @@ SLIP_MAX_S: Final = 0.02
 CONTRADICTIONS_MAX: Final = 4
 
 _STALE_S: Final = 5.0
+_MEAN_OF: Final = 128  # answers, some 10 s of them: 100 ms of jitter are then known to 3 ms
 _SIGMA_S: Final = 1e-4  # of an answer without delay
 _SIGMA_OF_ROUND_TRIP: Final = 0.2  # how unequal the two ways are when the answer is a quick one
 _SIGMA_OF_EXCESS: Final = 0.5  # what an answer took longer than the quickest may all be on one way
@@ -50,6 +51,7 @@ class ClockFilter:
         """Forget everything: the autopilot rebooted."""
         self.accepted = 0
         self.round_trip_s: float | None = None
+        self._uplink_s = 0.0
         self._round_trips_ns: deque[int] = deque(maxlen=64)
         self._contradictions = 0
         self._contradicting_ns = 0  # the offset that the last contradicting answer asked for
@@ -62,6 +64,15 @@ class ClockFilter:
     def synced(self, now_ns: int) -> bool:
         """Whether `to_local_ns` may be believed: enough answers, and not too old."""
         return self.accepted >= SYNCED_AFTER and now_ns - self._at_ns <= _STALE_S * 1e9
+
+    @property
+    def uplink_s(self) -> float:
+        """How long what is sent is on its way to the autopilot, on the mean of the last questions.
+
+        By the same clock as the times of what comes from there: where that is off, because the two ways are
+        unequal, this is off by as much, and both together are right.
+        """
+        return max(self._uplink_s, 0.0)
 
     @property
     def drift_ppm(self) -> float:
@@ -95,6 +106,8 @@ class ClockFilter:
         self._contradictions = 0
         self.accepted += 1
         self.round_trip_s = round_trip_ns * 1e-9
+        uplink_s = (self.to_local_ns(vehicle_ns) - asked_ns) * 1e-9
+        self._uplink_s += (uplink_s - self._uplink_s) / min(self.accepted, _MEAN_OF)
         return True
 
     def _sigma_s(self, round_trip_ns: int) -> float:

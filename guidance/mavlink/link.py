@@ -42,7 +42,7 @@ HEARTBEATS_MISSED: Final = 3
 
 _HEARTBEAT_PERIOD_NS: Final = 1_000_000_000
 #: Often enough that 30 % of loss each way does not look like a dead uplink.
-_TIMESYNC_PERIOD_NS: Final = 50_000_000
+_TIMESYNC_PERIOD_NS: Final = 40_000_000
 _HEARD_NS: Final = 500_000_000
 _REQUEST_PERIOD_NS: Final = 1_000_000_000
 _STREAM_PERIOD_NS: Final = 100_000_000
@@ -107,7 +107,7 @@ class AutopilotLink:
         self.heartbeat_ns = 0
         self._heard_ns = 0
         self.sequence = SequenceWatch()
-        self._mode_number = -1
+        self._mode_number = self._heartbeat_number = -1
         self._boot = BootClock()
         self._recent: dict[int, Frame] = {}  # the last frame of each sequence number
         self._intended_ns = 0
@@ -206,11 +206,13 @@ class AutopilotLink:
             if body.autopilot == dialect.MAV_AUTOPILOT_INVALID:
                 self.counters["not_an_autopilot"] += 1
                 return False
-            if self._overtaken(number):
+            if number > self._heartbeat_number:
+                self._heartbeat_number = number
+                self.heartbeat = body
+                self.heartbeat_ns = now_ns
+                self.bytes_at_heartbeat = (self.bytes_received, self.reader.counters["garbage_bytes"])
+            if self._overtaken(number):  # by a CURRENT_MODE: a sign of life all the same
                 return False
-            self.heartbeat = body
-            self.heartbeat_ns = now_ns
-            self.bytes_at_heartbeat = (self.bytes_received, self.reader.counters["garbage_bytes"])
             self.custom_mode = body.custom_mode
         elif isinstance(body, CurrentMode):
             if self._overtaken(number):

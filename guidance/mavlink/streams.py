@@ -26,6 +26,8 @@ SLOWEST_HZ: Final = 5.0
 STATE_HZ_MIN: Final = 20.0
 
 _WINDOW_NS: Final = 1_000_000_000
+#: So many arrivals are kept: five times the fastest rate that is asked for. A flood takes no more memory.
+_ARRIVALS_MAX: Final = 1000
 _ALIVE_NS: Final = 500_000_000
 _ASK_AGAIN_NS: Final = 2_000_000_000
 _ANSWER_NS: Final = 300_000_000
@@ -53,7 +55,7 @@ class Stream:
         self._asked_hz = wanted_hz
         self._asked_ns: int | None = None
         self._refused = False
-        self._arrivals_ns: deque[int] = deque()
+        self._arrivals_ns: deque[int] = deque(maxlen=_ARRIVALS_MAX)
         self._last_ns: int | None = None
         self._last_valid = False
         self._usable_ns: int | None = None

@@ -174,8 +174,7 @@ class Observation:
 
     def estimate(self) -> Estimate | str:
         """The state, or why there is none to be used."""
-        delay_ns = round(self.config.link.actuation_delay_s * 1e9)
-        return young(self._estimator.at(self.now_ns + delay_ns), self.config.link)
+        return young(self._estimator.at(self.now_ns), self.config.link, self.now_ns)
 
     def origin(self) -> Vec3 | str:
         """The trajectory's origin, or why it is not known."""

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from guidance.records import LOG_ONLY, SCHEMA_VERSION, Record
+from guidance.records import LOG_ONLY, NOT_A_RECORD, SCHEMA_VERSION, Record
 from guidance.telemetry.schema import RECORDS, schema_name
 
 #: One chunk of a key: what a service may be called.
@@ -85,5 +85,5 @@ def read(arrived_ns: int, key: str, encoding: str, payload: bytes, answered: boo
         return Ignored(arrived_ns, vehicle, "garbage", f"{topic}: {len(payload)} bytes")
     try:
         return Heard(arrived_ns, vehicle, topic, decoder.decode(payload), answered)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except NOT_A_RECORD as error:
         return Ignored(arrived_ns, vehicle, "garbage", f"{topic}: {error}")

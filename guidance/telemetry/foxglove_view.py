@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import msgspec
 
-from guidance.records import TOPICS, Event, Record, Reference, State, TrackingError, Triple
+from guidance.records import NOT_A_RECORD, TOPICS, Event, Record, Reference, State, TrackingError, Triple
 from guidance.telemetry import foxglove
 from guidance.telemetry.queue import Sample
 
@@ -110,7 +110,7 @@ class View:
             return []
         try:
             record = decode(sample.payload)
-        except (msgspec.MsgspecError, UnicodeDecodeError):
+        except NOT_A_RECORD:
             return []
         made: list[Sample] = make(record)
         return made

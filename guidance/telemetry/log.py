@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
-from guidance.records import SCHEMA_VERSION, Record
+from guidance.records import NOT_A_RECORD, SCHEMA_VERSION, Record
 from guidance.telemetry.schema import RECORDS
 
 _T = TypeVar("_T")
@@ -145,7 +145,7 @@ def _records(path: Path, decoders: dict[str, msgspec.json.Decoder[Record]]) -> I
         if decoder is not None:
             try:
                 record = decoder.decode(payload)
-            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            except NOT_A_RECORD as error:
                 raise LogDamaged(path, 0, f"message {count}, topic {topic}: {error}") from error
             yield record
 

@@ -18,6 +18,7 @@ from typing import BinaryIO, Final
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Header, Metadata
+from mcap.stream_reader import CRCValidationError
 from zstandard import ZstdError
 
 from guidance.records import SCHEMA_VERSION
@@ -50,6 +51,7 @@ _MARK: Final = {ENDED_EARLY: INTERRUPTED}
 #: What a record that is not what was written raises: the library's, each compression has its own.
 _NOT_WHOLE: Final = (
     McapError,
+    CRCValidationError,
     ZstdError,
     struct.error,
     UnicodeDecodeError,

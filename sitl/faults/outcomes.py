@@ -17,8 +17,8 @@ BOTH: Final = (PX4, ROVER)
 LEFT_ALONE: Final = {PX4: frozenset({"POSCTL"}), ROVER: frozenset({"GUIDED"})}
 HELD: Final = {PX4: frozenset({"AUTO.LOITER"}), ROVER: frozenset({"HOLD"})}
 CONTROL: Final = {PX4: frozenset({"OFFBOARD"}), ROVER: frozenset({"GUIDED"})}
-#: What is told of a gap or a silence, short or long.
-SILENCE: Final = frozenset({"silent", "setpoint_gap"})
+#: What may be told of any gap or silence, short or long.
+SILENCE: Final = frozenset({"silent", "setpoint_gap", "rate_fell"})
 _OUT: Final = frozenset({State.HANDED_OVER})
 
 

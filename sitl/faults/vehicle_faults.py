@@ -62,11 +62,11 @@ def _actuators() -> list[Fault]:
             title=title,
             firmware=firmware,
             steps=_refit(**changes),
-            expected=guarded(firmware, guard, 9.0),
+            expected=guarded(firmware, guard, 10.0),
             seconds=12.0,
         )
         for title, changes, guard in (
-            ("the vehicle turns by 0.1 rad/s at most", {"plant": slow}, "effect"),
+            ("the vehicle turns by 0.1 rad/s at most", {"plant": slow}, "error"),
             ("half of the speed that is needed", {"plant": weak}, "error"),
             ("the yaw actuator acts backwards", {"effect": Effect(yaw=-1.0)}, "error"),
             ("the propeller failed", {"effect": Effect(speed=0.0)}, "error"),
@@ -76,12 +76,16 @@ def _actuators() -> list[Fault]:
     ]
     rows += [
         Fault(
-            title=f"the {what} actuator failed", firmware=PX4, steps=_refit(effect=effect), expected=expected
+            title=f"the {what} actuator failed",
+            firmware=PX4,
+            steps=_refit(effect=effect),
+            expected=expected,
+            seconds=12.0,
         )
         for what, effect, expected in (
             ("roll", Effect(roll=0.0), tracks_on(0.05)),
             ("pitch", Effect(pitch=0.0), tracks_on(1.0)),
-            ("yaw", Effect(yaw=0.0), guarded(PX4, "effect", 6.0, within_m=4.0)),
+            ("yaw", Effect(yaw=0.0), guarded(PX4, "error", 9.0, within_m=5.0)),
         )
     ]
     return rows

@@ -190,15 +190,15 @@ class Witness:
 
     def _permission(self, setpoint: Setpoint, now_ns: int) -> None:
         sent_ns = setpoint.sent_ns
+        harmless = not any(setpoint.asked) and not self._is_control()
         open_ns = math.inf if self._forbidden_ns is None else self._forbidden_ns
         if sent_ns > open_ns or any(begin < sent_ns < end for begin, end in self._forbidden):
             # A neutral stream that cannot take control is offered to a pilot, who may switch to it. Who was
             # handed over in flight waits until the vehicle is down, with `auto` until it is commanded.
             waited = not self._armed and self._config.supervisor.engage != "auto"
-            harmless = not any(setpoint.asked) and not self._is_control()
             if not (harmless and (waited or self._restarts_ns)):
                 self._break("a setpoint was sent after a hand-over")
-        if self.was_in_control and self._came_ns is not None:
+        if self.was_in_control and self._came_ns is not None and not harmless:
             silence_s = (now_ns - self._came_ns) / _NANOSECONDS
             if silence_s > _RESUMED * self._profile.stream_timeout_s:
                 self._break(f"setpoints were resumed after {silence_s:.1f} s")

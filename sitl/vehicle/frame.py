@@ -15,6 +15,7 @@ from fastcrc.crc16 import mcrf4xx
 _HEADER: Final = Struct("<BBBBBBBHB")
 _MAGIC: Final = 0xFD
 _SIGNED: Final = 0x01
+_TIMESTAMP_MAX: Final = 2**48 - 1
 
 
 class FrameType:
@@ -52,8 +53,9 @@ class FrameType:
 
 
 def _signed(packet: bytes, signing: Any) -> bytes:
-    packet += bytes([signing.link_id]) + signing.timestamp.to_bytes(6, "little")
-    signing.timestamp += 1
+    timestamp = min(signing.timestamp, _TIMESTAMP_MAX)  # moved there by another holder of the key
+    packet += bytes([signing.link_id]) + timestamp.to_bytes(6, "little")
+    signing.timestamp = timestamp + 1
     return packet + sha256(signing.secret_key + packet).digest()[:6]
 
 

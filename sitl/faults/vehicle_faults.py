@@ -84,7 +84,7 @@ def _actuators() -> list[Fault]:
         )
         for what, effect, expected in (
             ("roll", Effect(roll=0.0), tracks_on(0.05)),
-            ("pitch", Effect(pitch=0.0), tracks_on(1.0)),
+            ("pitch", Effect(pitch=0.0), tracks_on(2.0)),
             ("yaw", Effect(yaw=0.0), guarded(PX4, "error", 9.0, within_m=5.0)),
         )
     ]

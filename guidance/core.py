@@ -267,7 +267,9 @@ class Guide:
         if (modes := self.link.streams.get("CURRENT_MODE")) is not None:
             mode_age_s = modes.status(now_ns).age_s
         mode_ns = None if mode_age_s is None else now_ns - round(mode_age_s * 1e9)
-        self.engagement.contact.look(self.link.received, self.link.heartbeat_ns, mode_ns, now_ns)
+        self.engagement.contact.look(
+            self.link.received, self.link.heartbeat_ns, mode_ns, now_ns, self.link.custom_mode
+        )
         view = seen(
             self.link,
             self.engagement.contact,

@@ -91,7 +91,9 @@ def test_px4_armed_in_an_intended_offboard_is_left_alone_until_somebody_acts() -
             fly_until_tracking(flight, 0.5)
         else:
             pilot.arm(False)
-            flight.run(0.05)
+            flight.run(20.0)  # auto does not arm what the pilot has just disarmed
+            assert (state_of(flight), flight.vehicle.armed) == (State.READY, False)
+            flight.guide.command(Command.ENGAGE, flight.now_ns)
             fly_until_tracking(flight, 3.0)
 
 

@@ -52,6 +52,7 @@ ORDERS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance command")]
 FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
+FAULTS = [".venv/bin/sitl faults", ".venv/bin/sitl faults --real"]  # parts of both in tests of their own
 FUZZ = [c for c in COMMANDS if c.startswith(".venv/bin/sitl fuzz")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
 BENCHES = [f".venv/bin/sitl bench {what}" for what in ("latency", "loop", "link")]  # in tests of their own
@@ -63,6 +64,7 @@ OTHERS = [
     ".venv/bin/sitl bench",
     BENCH_CAMPAIGN,
     *BENCHES,
+    *FAULTS,
     ".ci/run",
 ]
 

@@ -52,7 +52,7 @@ def test_after_a_hand_over_only_a_command_or_a_fresh_switch_engages_again(firmwa
     fly_until_tracking(flight, 1.5)
     if firmware is ROVER:
         pilot.switch("hold")
-        flight.run(1.0)
+        flight.run(1.3)  # a mode that stood for less is none to switch from
         pilot.switch("control")
         fly_until_tracking(flight, 0.2)
 

@@ -93,7 +93,7 @@ def test_px4_armed_in_an_intended_offboard_is_left_alone_until_somebody_acts() -
             pilot.arm(False)
             flight.run(20.0)  # auto does not arm what the pilot has just disarmed
             assert (state_of(flight), flight.vehicle.armed) == (State.READY, False)
-            flight.guide.command(Command.ENGAGE, flight.now_ns)
+            flight.guide.command(Engage(), flight.now_ns)
             fly_until_tracking(flight, 3.0)
 
 

@@ -26,7 +26,7 @@ OFFSETS_S: Final = (0.0, 0.15, 0.03, 0.4)
 def streaming(firmware: tuple[str, ...]) -> Lockstep:
     flight = make_flight(*firmware, *PILOT, initially_armed=True)
     fly_until(flight, State.READY)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     fly_until(flight, State.STREAMING)
     return flight
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import pytest
 
-from guidance.commands import Shutdown
+from guidance.commands import Engage, Shutdown
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
 from sitl.vehicle.px4 import Px4

@@ -174,19 +174,19 @@ class Engagement:
         if not view.connected or view.armed is None or view.custom_mode is None:
             self.reason = view.absent_because
             return None
+        used = view.armed or self._control in (view.custom_mode, view.intended_mode)
+        if used and self._auto is _Auto.MAY_ENGAGE:
+            # Somebody flies it, or did, perhaps with this service before it was killed: `auto` must not take
+            # it from whoever has it, nor arm what the pilot disarmed.
+            self._auto = _Auto.FOUND_IN_USE
         if view.armed and may_obey(self.profile, view):
             return Event.FOUND_IN_CONTROL, withheld_reason(self.profile, view)
         return Event.FOUND, "autopilot found"
 
     def _when_withheld(self, view: View, now_ns: int) -> tuple[Event, str] | None:
-        if view.intended_mode == self._control or view.custom_mode == self._control:
-            # Somebody flew it: `auto` must not take it from whoever has it then.
-            self._auto = _Auto.FOUND_FLYING if self._auto is _Auto.MAY_ENGAGE else self._auto
         if self._requests.waits(Order.ENGAGE, now_ns):
             return Event.COMMANDED, "the operator commands"
         if not view.armed:
-            # Down, and not by a hand-over in this run: as good as found disarmed.
-            self._auto = _Auto.MAY_ENGAGE if self._auto is _Auto.FOUND_FLYING else self._auto
             return Event.RELEASED, "the vehicle is disarmed"
         if not may_obey(self.profile, view):
             return Event.RELEASED, f"the vehicle was taken out of {self.profile.control_mode.name}"
@@ -335,7 +335,7 @@ class _Auto(Enum):
     """What has become of `engage = "auto"`."""
 
     MAY_ENGAGE = auto()
-    FOUND_FLYING = auto()  # spent until the vehicle is disarmed
+    FOUND_IN_USE = auto()  # as good as spent; but PX4 gets a stream to switch to
     SPENT = auto()  # handed over, held or aborted: until the operator commands to engage
 
 

@@ -39,8 +39,8 @@ class PilotWatch:
         self.armed_ns = now_ns
 
     def doubt(self, view: View) -> None:
-        """Before a look is judged: after a silence nothing that was seen before it counts."""
-        if not view.certain:
+        """Before a look is judged: after a silence, or where modes alternate, nothing seen before counts."""
+        if not (view.certain and view.settled):
             self._previous_mode = None
 
     def looked(self, view: View) -> None:

@@ -16,6 +16,8 @@ UNANSWERED_S: Final = 1.0
 #: Where nothing is lost, unanswered for so long means that the other end does not read: what is sent waits in
 #: its buffer, acknowledged, and is obeyed when it reads again, however old.
 STALLED_S: Final = 0.25
+#: A mode that was shown for less was none to switch from: HEARTBEAT comes once a second.
+STOOD_S: Final = 1.2
 
 
 class Trip(NamedTuple):
@@ -31,8 +33,8 @@ class View(NamedTuple):
 
     `intended_mode` is None where nobody says it: then the control mode cannot be excluded. `silent_s` is the
     time since the last setpoint; `answer` the last refusal of a mode or arming command; `heartbeat_ns` the
-    instant of the last HEARTBEAT. `unheard_s` and `certain` are `Contact`'s; `unanswered_s` is the age of the
-    newest packet of ours that the autopilot has answered: what was sent since may never have arrived.
+    instant of the last HEARTBEAT. `unheard_s`, `certain` and `settled` are `Contact`'s; `unanswered_s` is the
+    age of the newest packet of ours that was answered: what was sent since may never have arrived.
     `trip` is the guard that tripped, if one did.
     """
 
@@ -50,6 +52,7 @@ class View(NamedTuple):
     certain: bool
     unanswered_s: float = 0.0
     trip: Trip | None = None
+    settled: bool = True
 
 
 class Contact:
@@ -58,23 +61,39 @@ class Contact:
     While the autopilot is not heard (the link has a gap, or this process was stopped) its failsafe may act
     and its pilot may switch. What was known before says nothing after. Nor does what is read at the end of
     the silence: it may have waited in a queue. So each must come once more, later than the silence.
+
+    `settled`: the mode, or the one before it, stood for `STOOD_S`. Two vehicles of one id show their modes in
+    turn, and that one of them is in the control mode is nobody's switch.
     """
 
     def __init__(self, profile: Profile) -> None:
         self.unheard_s = 0.0
         self.certain = True
+        self.settled = True
+        self._mode: int | None = None
+        self._mode_ns: int | None = None
         self._limit_s = silence_limit_s(profile)
         self._heard = 0
         self._heard_ns: int | None = None
         self._silence_ns = -1
 
-    def look(self, heard: int, heartbeat_ns: int, mode_ns: int | None, now_ns: int) -> None:
+    def look(
+        self, heard: int, heartbeat_ns: int, mode_ns: int | None, now_ns: int, custom_mode: int | None = None
+    ) -> None:
         """Look again, often.
 
         Args:
             heard: how many messages of the autopilot were heard so far.
             heartbeat_ns, mode_ns: when the newest HEARTBEAT and CURRENT_MODE came, None if never.
+            custom_mode: the mode that they show.
         """
+        stood = self._mode_ns is None or now_ns - self._mode_ns >= round(STOOD_S * 1e9)
+        if custom_mode != self._mode:
+            self.settled = stood
+            self._mode_ns = None if self._mode is None else now_ns
+            self._mode = custom_mode
+        else:
+            self.settled |= stood
         # Before the count is looked at: the silence that has just ended counts, too.
         self.unheard_s = 0.0 if self._heard_ns is None else (now_ns - self._heard_ns) * 1e-9
         if heard != self._heard:
@@ -143,6 +162,7 @@ def seen(
         unheard_s=contact.unheard_s,
         unanswered_s=link.uplink_age_s(now_ns) or 0.0,
         certain=contact.certain,
+        settled=contact.settled,
         trip=trip,
     )
 

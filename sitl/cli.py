@@ -1,4 +1,4 @@
-"""The command line `sitl`: the built-in vehicle as a process, the paper's figures, and the benchmark."""
+"""The command line `sitl`: the built-in vehicle as a process, the paper's figures, faults, and benchmarks."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import typer
 
 from sitl import paper as section_4
 from sitl.campaign.command import campaign
+from sitl.faults.command import faults
 from sitl.fuzzing.command import fuzz
 from sitl.plant import PlantParameters
 from sitl.shell import ShellOptions, run
@@ -38,6 +39,7 @@ def sitl() -> None:
 benchmarks = typer.Typer(help="Measure, beside the goals.", add_completion=False)
 app.add_typer(benchmarks, name="bench")
 app.command()(campaign)
+app.command()(faults)
 app.command()(fuzz)
 
 

@@ -1,15 +1,15 @@
 """The service's core against the built-in vehicle on virtual time: no sockets, no sleeps, no threads.
 
 Both are sans-IO, so a hundred seconds of flight take about one, and two runs with the same seed are the same
-to the bit. The link between them can delay, lose, repeat and reorder datagrams, each way on its own.
+to the bit. The link between them can delay, lose, repeat, reorder and corrupt datagrams, each way on its own.
 """
 
 from __future__ import annotations
 
 import heapq
 import random
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Final, NamedTuple, Protocol
 
 from guidance.config import Config
 from guidance.core import Guide
@@ -21,15 +21,25 @@ SECOND: Final = 1_000_000_000
 
 
 class Channel(NamedTuple):
-    """One way of the link. Delays in s; probabilities per datagram."""
+    """One way of the link. Delays in s; probabilities per datagram; `jitter_s` reorders, too.
+
+    A corrupted datagram has one byte changed, anywhere.
+    """
 
     delay_s: float = 0.0
     jitter_s: float = 0.0
     loss: float = 0.0
     duplication: float = 0.0
+    corruption: float = 0.0
 
 
 PERFECT: Final = Channel()
+
+
+class Tap(Protocol):
+    """Sees what arrives at either end; `sent_ns` is when it was sent."""
+
+    def arrived(self, data: bytes, sent_ns: int, now_ns: int, *, to_guide: bool) -> None: ...
 
 
 class Lockstep:
@@ -53,13 +63,11 @@ class Lockstep:
         signing_key: bytes | None = None,
         signing_clock: SigningClock | None = None,
     ) -> None:
-        signing = None if signing_key is None else Signing(signing_key, config.link.signing_link_id)
-        self.guide = Guide(config, signing)
-        if signing is not None:
-            wall = wall_timestamp(vehicle.options.unix_at_zero_ns + start_ns)
-            self.guide.signing_clock(SigningClock(wall) if signing_clock is None else signing_clock, start_ns)
         self.vehicle = vehicle
         self.now_ns = start_ns
+        self._config = config
+        self._signing_key = signing_key
+        self.guide = self._new_guide(signing_clock)
         self.records: list[Record] = []
         self.setpoint_times_ns: list[int] = []
         self.to_guide = to_guide
@@ -67,7 +75,23 @@ class Lockstep:
         self.on_record: Callable[[Record], object] = self.records.append if on_record is None else on_record
         self._dice = random.Random(seed)
         self._order = 0
-        self._in_flight: list[tuple[int, int, bool, bytes]] = []
+        self._in_flight: list[tuple[int, int, bool, bytes, int]] = []
+        #: What becomes of a datagram of the vehicle's before the link takes it: nothing, another, several.
+        self.on_the_way: Callable[[bytes, int], Iterable[bytes]] | None = None
+        self.tap: Tap | None = None
+
+    def restart_guide(self) -> None:
+        """The process was killed and starts again: it knows its configuration and nothing else."""
+        self.guide = self._new_guide(None)
+
+    def _new_guide(self, clock: SigningClock | None) -> Guide:
+        key = self._signing_key
+        signing = None if key is None else Signing(key, self._config.link.signing_link_id)
+        guide = Guide(self._config, signing)
+        if signing is not None:
+            wall = wall_timestamp(self.vehicle.options.unix_at_zero_ns + self.now_ns)
+            guide.signing_clock(SigningClock(wall) if clock is None else clock, self.now_ns)
+        return guide
 
     def run(self, seconds: float, until: Callable[[], bool] | None = None) -> bool:
         """Let time pass; True as soon as `until` holds, False if it did not within `seconds`."""
@@ -98,21 +122,24 @@ class Lockstep:
     def _step(self) -> None:
         now_ns = self.now_ns
         while self._in_flight and self._in_flight[0][0] <= now_ns:
-            _, _, to_guide, data = heapq.heappop(self._in_flight)
+            _, _, to_guide, data, sent_ns = heapq.heappop(self._in_flight)
+            if self.tap is not None:
+                self.tap.arrived(data, sent_ns, now_ns, to_guide=to_guide)
             if to_guide:
                 self.guide.receive(data, now_ns)
                 self._drain()
             else:
                 self.vehicle.receive(data, now_ns)
         for data in self.vehicle.advance(now_ns):
-            self._send(data, self.to_guide, to_guide=True)
+            for datagram in (data,) if self.on_the_way is None else self.on_the_way(data, now_ns):
+                self._send(datagram, self.to_guide, to_guide=True)
         if self.guide.deadline() <= now_ns and not self._arriving(now_ns):
             self.guide.tick(now_ns)
             self._drain()
 
     def _arriving(self, now_ns: int) -> bool:
         """Whether the guide has datagrams to read at this instant, as a socket is read before a timer."""
-        return any(at_ns <= now_ns and to_guide for at_ns, _, to_guide, _ in self._in_flight[:1])
+        return any(at_ns <= now_ns and to_guide for at_ns, _, to_guide, *_ in self._in_flight[:1])
 
     def _drain(self) -> None:
         for data in self.guide.packets():
@@ -128,13 +155,20 @@ class Lockstep:
             copies = 0
         elif channel.duplication and self._dice.random() < channel.duplication:
             copies = 2
+        if channel.corruption and self._dice.random() < channel.corruption:
+            data = self._corrupted(data)
         for _ in range(copies):
             delay_s = channel.delay_s
             if channel.jitter_s:
                 delay_s += channel.jitter_s * self._dice.random()
             self._order += 1
             at_ns = self.now_ns + round(delay_s * SECOND)
-            heapq.heappush(self._in_flight, (at_ns, self._order, to_guide, data))
+            heapq.heappush(self._in_flight, (at_ns, self._order, to_guide, data, self.now_ns))
+
+    def _corrupted(self, data: bytes) -> bytes:
+        place = self._dice.randrange(len(data))
+        changed = data[place] ^ self._dice.randrange(1, 256)
+        return data[:place] + bytes([changed]) + data[place + 1 :]
 
 
 _SET_ATTITUDE_TARGET: Final = (82).to_bytes(3, "little")

@@ -8,7 +8,7 @@ import pytest
 
 from guidance.mavlink.profiles import Profile
 from guidance.supervisor import Event, State
-from guidance.view import Contact, silence_limit_s
+from guidance.view import STOOD_S, Contact, silence_limit_s
 from tests.engagement_bench import BOTH, PX4, Bench, S, bench, mode, ways
 
 START_NS: Final = 100 * S
@@ -192,3 +192,26 @@ def test_auto_does_not_take_what_somebody_may_have_control_of(profile: Profile) 
     assert it.state() is State.READY
     it.see(intended_mode=hold, certain=True)
     assert it.state() is State.STREAMING
+
+
+def settled(it: Contact, seconds: float, mode: int, start_ns: int) -> tuple[bool, int]:
+    """Show this mode for so long, ten looks a second; whether it is settled with the first of them."""
+    it.look(1, start_ns, None, start_ns, mode)
+    first = it.settled
+    for i in range(1, round(10 * seconds)):
+        it.look(1, start_ns, None, start_ns + i * S // 10, mode)
+    return first, start_ns + round(seconds * S)
+
+
+def test_a_switch_from_a_mode_that_stood_is_settled_and_modes_in_turn_are_not() -> None:
+    it, now_ns = Contact(PX4), START_NS
+    for seconds, mode_shown, expected in (
+        (0.3, 1, True),  # the first that is heard: it may have stood for long
+        (0.5, 2, True),
+        (0.5, 1, False),
+        (0.5, 2, False),
+        (STOOD_S + 0.2, 1, False),
+        (0.5, 2, True),
+    ):
+        first, now_ns = settled(it, seconds, mode_shown, now_ns)
+        assert first is expected, (seconds, mode_shown)

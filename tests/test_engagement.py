@@ -144,7 +144,7 @@ def test_the_pilots_switch_engages_but_a_mode_that_stood_already_does_not(profil
 def test_a_refusal_is_tried_again_only_on_the_ground_and_not_at_once(profile: Profile) -> None:
     for engage, armed, again in [("auto", False, True), ("auto", True, False), ("pilot", False, True)]:
         it = bench(profile, engage, armed=armed)
-        it.reach(State.SWITCHING) if engage == "pilot" else it.see()
+        it.reach(State.SWITCHING) if engage == "pilot" or armed else it.see()
         it.see(setpoints_sent=ESTABLISHED_AFTER)
         assert ways(it.see(5.1)) == [(State.ABORTED, Event.STEP_TIMEOUT)]
         assert it.see(RETRY_S - 0.1) == []
@@ -176,3 +176,23 @@ def test_the_engage_command_is_answered_in_every_state(profile: Profile) -> None
     assert it.engage() is None
     it.it.shutdown()
     assert it.engage() == "engage refused: the service is shutting down"
+
+
+@BOTH
+def test_auto_leaves_alone_what_it_finds_in_use_even_once_that_is_put_down(profile: Profile) -> None:
+    """A pilot may fly it, or have disarmed it, who took it from this very service before it was killed."""
+    control, hold = profile.control_mode.custom_mode, mode(profile, "hold")
+    in_mode = {"custom_mode": control, "intended_mode": control}
+    for found, put_down in (
+        ({"armed": True}, {"armed": False}),
+        (in_mode, {"custom_mode": hold, "intended_mode": hold}),
+    ):
+        it = bench(profile, "auto", arm=True, **found)
+        it.see()
+        assert it.see(60.0) == []
+        assert it.state() is State.READY
+        it.see(**put_down)
+        assert it.see(60.0) == []
+        assert it.engage() is None
+        it.see()
+        assert it.state() is State.STREAMING

@@ -7,13 +7,14 @@ from typing import Any, Final
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.commands import Engage
 from guidance.engagement import ARMING_SHOWN_S
 from guidance.mavlink.messages import CommandAck
 from guidance.mavlink.profiles import Profile
 from guidance.supervisor import Event, State
 from tests.engagement_bench import BOTH, PX4, Bench, S, bench, mode, ways
 from tests.helpers import ROVER, fly_until, make_flight, state_of
-from tests.pilot import AUTO, Pilot
+from tests.pilot import AUTO, PILOT, Pilot
 
 SET_MODE: Final = dialect.MAV_CMD_DO_SET_MODE
 ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
@@ -141,7 +142,9 @@ def test_a_pilot_who_disarms_at_once_is_not_overridden(firmware: tuple[str, ...]
 @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.05])
 @pytest.mark.parametrize("name", ["hold", "manual"])
 def test_a_pilot_who_switches_back_at_once_is_not_overridden(after_s: float, name: str) -> None:
-    flight = make_flight(*AUTO, initially_armed=True)
+    flight = make_flight(*PILOT, initially_armed=True)
+    fly_until(flight, State.READY)
+    flight.guide.command(Engage(), flight.now_ns)
     fly_until(flight, State.SWITCHING)
     assert flight.run(5.0, until=lambda: flight.vehicle.mode == "OFFBOARD")
     flight.run(after_s)

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from sitl.vehicle.options import Firmware, Origin, Truth, VehicleOptions
-from sitl.vehicle.vehicle import Vehicle
+from sitl.vehicle.vehicle import Effect, Vehicle
 
-__all__ = ["Firmware", "Origin", "Truth", "Vehicle", "VehicleOptions"]
+__all__ = ["Effect", "Firmware", "Origin", "Truth", "Vehicle", "VehicleOptions"]

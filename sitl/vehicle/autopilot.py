@@ -10,7 +10,15 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.plant import STOP, PlantCommand, PlantState, Triple
 from sitl.vehicle import telemetry
-from sitl.vehicle.command import ACCEPTED, DENIED, FAILED, FORCE, UNSUPPORTED, Command
+from sitl.vehicle.command import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    FORCE,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
+    Command,
+)
 from sitl.vehicle.link import Link
 from sitl.vehicle.options import VehicleOptions
 from sitl.vehicle.parameter_set import Parameter, ParameterSet
@@ -70,6 +78,8 @@ class Autopilot(ABC):
         self.parameters = ParameterSet(
             self.parameter_defaults, options.parameters, bytewise=self.integers_bytewise
         )
+        self.refuses_modes = options.refuses_modes
+        self.refuses_arming = options.refuses_arming
         self.armed = False
         self.reboot_requested = False
         self.home_ned_m: Triple = (0.0, 0.0, 0.0)
@@ -224,11 +234,19 @@ class Autopilot(ABC):
         name = self.commands.get(command.id)
         held: list[Any] = []
         self._held = held
-        result = UNSUPPORTED if name is None else getattr(self, name)(command)
+        if self._refused(command):
+            result = TEMPORARILY_REJECTED
+        else:
+            result = UNSUPPORTED if name is None else getattr(self, name)(command)
         self._held = None
         self.acknowledge(command, result)
         for message in held:
             self.link.send(message)
+
+    def _refused(self, command: Command) -> bool:
+        """Whether this vehicle was told to refuse it whatever its firmware would say."""
+        arming = command.id == 400 and command.params[0] == 1.0
+        return (self.refuses_modes and command.id == 176) or (self.refuses_arming and arming)
 
     def acknowledge(self, command: Command, result: int) -> None:
         """Send a COMMAND_ACK."""

@@ -46,8 +46,9 @@ class VehicleOptions:
     `clock_drift_ppm` makes the vehicle's clock fast (positive) or slow against `now_ns`; the plant moves in
     the time of `now_ns`. `clock_offset_ns` is what the boot clock shows when it starts. Until
     `estimator_ready_s` after boot there is no position and arming is refused. `without_messages` names
-    messages that this build of the firmware does not know. With a `signing_key` of 32 bytes it signs, and
-    takes nothing that is not signed by it.
+    messages that this build of the firmware does not know. With `refuses_modes` or `refuses_arming` it
+    answers every such command TEMPORARILY_REJECTED, whoever sends it. With a `signing_key` of 32 bytes it
+    signs, and takes nothing that is not signed by it.
 
     Raises:
         ValueError: a number is not finite or out of range, or the initial mode or a parameter is unknown
@@ -73,6 +74,8 @@ class VehicleOptions:
     attitude_noise_rad: float = 0.0
     seed: int = 0
     without_messages: tuple[str, ...] = ()
+    refuses_modes: bool = False
+    refuses_arming: bool = False
     signing_key: bytes = field(default=b"", repr=False)
 
     def __post_init__(self) -> None:

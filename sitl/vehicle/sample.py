@@ -54,6 +54,7 @@ class Sample:
         attitude_noise_rad: float,
         project: Projection,
         astray: Astray = RIGHT,
+        current_ned_m_s: Triple = (0.0, 0.0, 0.0),
     ) -> None:
         self.boot_us = boot_ns // 1000
         self.boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
@@ -69,7 +70,9 @@ class Sample:
         self.body_rates_frd_rad_s = rates
         self.speed_m_s = speed
         self.rows = rows = rotation(attitude)
-        north, east, down = astray.faster_ned_m_s
+        north, east, down = (
+            carried + wrong for carried, wrong in zip(current_ned_m_s, astray.faster_ned_m_s, strict=True)
+        )
         self.velocity_ned_m_s = (
             speed * rows[0][0] + north,
             speed * rows[1][0] + east,

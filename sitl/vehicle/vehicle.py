@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import random
 from collections.abc import Hashable
+from typing import Final, NamedTuple
 
-from sitl.plant import PlantState, Triple, step
+from sitl.plant import PlantCommand, PlantParameters, PlantState, Triple, step
 from sitl.vehicle.ardupilot import ArduRover
 from sitl.vehicle.autopilot import Autopilot
 from sitl.vehicle.clock import BootClock
+from sitl.vehicle.command import ACCEPTED
 from sitl.vehicle.options import Firmware, Truth, VehicleOptions
 from sitl.vehicle.projection import Projection, azimuthal_equidistant, equirectangular
 from sitl.vehicle.px4 import Px4
@@ -35,6 +37,24 @@ _PROJECTIONS: dict[Firmware, Projection] = {
     Firmware.ARDUPILOT_ROVER: equirectangular,
 }
 _MS = 1_000_000
+STILL: Final[Triple] = (0.0, 0.0, 0.0)
+
+
+class Effect(NamedTuple):
+    """The part of what is asked that each actuator still does: 1 works, 0 failed, -1 is wired backwards."""
+
+    roll: float = 1.0
+    pitch: float = 1.0
+    yaw: float = 1.0
+    speed: float = 1.0
+
+    def of(self, command: PlantCommand) -> PlantCommand:
+        """What becomes of a command."""
+        p, q, r = command.body_rates_frd_rad_s
+        return PlantCommand((p * self.roll, q * self.pitch, r * self.yaw), command.speed_m_s * self.speed)
+
+
+WORKING: Final = Effect()
 
 
 class Vehicle:
@@ -50,7 +70,10 @@ class Vehicle:
     def __init__(self, options: VehicleOptions, boot_ns: int = 0) -> None:
         rover = options.firmware is Firmware.ARDUPILOT_ROVER
         self.options = options
-        self._plant_parameters = options.plant._replace(planar=rover or options.plant.planar)
+        self._planar = rover or options.plant.planar
+        self._plant_parameters = options.plant._replace(planar=self._planar)
+        self._effect = WORKING
+        self._current_ned_m_s: Triple = STILL
         self._pilot = _PILOTS[options.firmware](options)
         noisy = options.position_noise_m > 0.0 or options.attitude_noise_rad > 0.0
         self._dice = random.Random(options.seed) if noisy else None
@@ -127,6 +150,40 @@ class Vehicle:
         self._run_to(max(now_ns, self._state_ns))
         self._astray = Astray(moved_ned_m, turned_rad, faster_ned_m_s)
         self._pilot.reset_counter += 1
+
+    def refit(
+        self, now_ns: int, *, plant: PlantParameters | None = None, effect: Effect | None = None
+    ) -> None:
+        """Change the actuators from `now_ns` on: their bounds and lags, or what is left of them."""
+        now_ns = max(now_ns, self._state_ns)
+        self._run_to(now_ns)
+        self._integrate(now_ns)
+        if plant is not None:
+            self._plant_parameters = plant._replace(planar=self._planar)
+        if effect is not None:
+            self._effect = effect
+
+    def current(self, now_ns: int, ned_m_s: Triple) -> None:
+        """Let the water or the air carry the vehicle along with this velocity from `now_ns` on."""
+        now_ns = max(now_ns, self._state_ns)
+        self._run_to(now_ns)
+        self._integrate(now_ns)
+        self._current_ned_m_s = ned_m_s
+
+    def choose(self, now_ns: int, custom_mode: int) -> bool:
+        """The pilot chooses a mode by the transmitter; whether the firmware enters it."""
+        now_ns = max(now_ns, self._state_ns)
+        self._run_to(now_ns)
+        self._integrate(now_ns)
+        self._pilot.now_ns = self._clock.at(now_ns)
+        chosen = self._pilot.select_mode(custom_mode) == ACCEPTED
+        self._command = self._pilot.command(self._state)
+        self._plan()
+        return chosen
+
+    def refuse(self, *, modes: bool = False, arming: bool = False) -> None:
+        """Refuse such commands from now on, as `VehicleOptions.refuses_modes` and `refuses_arming` say."""
+        self._pilot.refuses_modes, self._pilot.refuses_arming = modes, arming
 
     # --- looking at it ----------------------------------------------------------------------------------
 
@@ -209,7 +266,13 @@ class Vehicle:
         self._state_ns = to_ns
 
     def _at(self, now_ns: int) -> PlantState:
-        return step(self._plant_parameters, self._state, self._command, (now_ns - self._state_ns) * 1e-9)
+        dt_s = (now_ns - self._state_ns) * 1e-9
+        command = self._command if self._effect is WORKING else self._effect.of(self._command)
+        state = step(self._plant_parameters, self._state, command, dt_s)
+        if self._current_ned_m_s is STILL:
+            return state
+        x, y, z = (at + by * dt_s for at, by in zip(state.position_ned_m, self._current_ned_m_s, strict=True))
+        return state._replace(position_ned_m=(x, y, z))
 
     def _sample(self, boot_ns: int) -> Sample:
         options = self.options
@@ -222,4 +285,5 @@ class Vehicle:
             options.attitude_noise_rad,
             _PROJECTIONS[options.firmware],
             self._astray,
+            self._current_ned_m_s,
         )

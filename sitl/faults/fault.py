@@ -1,0 +1,153 @@
+"""What a fault is: how the flight got there, what happens when, and what must come of it, as data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Final, NamedTuple
+
+from guidance.supervisor import State
+from sitl.faults.flight import CONTROL_MODES, Flight
+from sitl.vehicle import Firmware
+
+Action = Callable[[Flight], object]
+
+
+class Never(StrEnum):
+    """What must not happen from the fault on, beside what never may (`witness`)."""
+
+    LEAVES = "leaves tracking"
+    TRACKS = "tracks"
+    FLIES = "is in control of an armed vehicle"
+    ARMED = "leaves the vehicle armed"
+    MOVES = "moves the vehicle by more than 1 cm"
+
+
+class Step(NamedTuple):
+    """What is done so many seconds after the fault began."""
+
+    at_s: float
+    action: Action
+
+
+class Expected(NamedTuple):
+    """The safe outcome.
+
+    `states`: where the supervisor may stand at the end. `told`: codes of events (warnings and worse) that
+    must be told, `may` those that may be, beside changes of state. `within_m`: the largest distance from the
+    reference while tracking, `out_within_s`: how soon tracking is left. `modes`: the vehicle's at the end.
+    """
+
+    states: frozenset[State]
+    told: frozenset[str] = frozenset()
+    may: frozenset[str] = frozenset()
+    within_m: float = math.inf
+    out_within_s: float = math.inf
+    modes: frozenset[str] = frozenset()
+    never: frozenset[Never] = frozenset()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """One row of the table. `title` and `firmware` together are its name."""
+
+    title: str
+    firmware: Firmware
+    steps: tuple[Step, ...]
+    expected: Expected
+    begin: State = State.TRACKING
+    seconds: float = 8.0
+    overrides: tuple[str, ...] = ()
+    vehicle: Mapping[str, Any] = field(default_factory=dict)
+    signed: bool = False
+
+
+AUTO: Final = ("supervisor.engage=auto", "supervisor.arm=true")
+PILOT: Final = ("supervisor.engage=pilot", "supervisor.arm=false")
+
+
+class Beginning(NamedTuple):
+    """How a flight gets into a state: configuration, vehicle, and what is done."""
+
+    overrides: tuple[str, ...]
+    vehicle: Mapping[str, Any]
+    reach: Callable[[Flight], bool]
+
+
+def _wait(state: State, and_then_s: float = 0.0) -> Callable[[Flight], bool]:
+    def reach(flight: Flight) -> bool:
+        reached = flight.run(6.0, until=state)
+        flight.run(and_then_s)
+        return reached
+
+    return reach
+
+
+def _then(state: State, act: Action, into: State) -> Callable[[Flight], bool]:
+    """Reach a state; something makes it another one."""
+
+    def reach(flight: Flight) -> bool:
+        flight.run(6.0, until=state)
+        flight.run(0.5)
+        act(flight)
+        return flight.run(8.0, until=into)
+
+    return reach
+
+
+def _stop_while_switching(flight: Flight) -> None:
+    flight.line.vehicle.refuse(modes=True)
+    flight.engage()
+    flight.run(5.0, until=State.SWITCHING)
+    flight.run(0.1)
+    flight.shut_down()
+
+
+def _stop_without_an_exit(flight: Flight) -> None:
+    flight.line.vehicle.refuse(modes=True)
+    flight.shut_down()
+
+
+#: By the state in which the fault begins. 2.003 s: between two messages.
+BEGINNINGS: Final[dict[State, Beginning]] = {
+    State.DISCONNECTED: Beginning(AUTO, {}, lambda flight: True),
+    State.CONNECTED: Beginning(AUTO, {"estimator_ready_s": 60.0}, _wait(State.CONNECTED, 1.0)),
+    State.WITHHELD: Beginning(AUTO, {"initially_armed": True}, _wait(State.WITHHELD, 2.0)),
+    State.READY: Beginning(PILOT, {"initially_armed": True}, _wait(State.READY, 1.0)),
+    State.STREAMING: Beginning(
+        PILOT, {"initially_armed": True}, _then(State.READY, Flight.engage, State.STREAMING)
+    ),
+    State.SWITCHING: Beginning(
+        PILOT,
+        {"initially_armed": True, "refuses_modes": True},
+        _then(State.READY, Flight.engage, State.SWITCHING),
+    ),
+    State.ARMING: Beginning(
+        PILOT, {}, _then(State.READY, lambda flight: flight.switch("control"), State.ARMING)
+    ),
+    State.TRACKING: Beginning(AUTO, {}, _wait(State.TRACKING, 2.003)),
+    State.BACKING_OUT: Beginning(
+        PILOT,
+        {},
+        _then(
+            State.READY,
+            _stop_while_switching,
+            State.BACKING_OUT,
+        ),
+    ),
+    State.LEAVING: Beginning(AUTO, {}, _then(State.TRACKING, _stop_without_an_exit, State.LEAVING)),
+    State.HANDED_OVER: Beginning(
+        AUTO, {}, _then(State.TRACKING, lambda flight: flight.switch("hold"), State.HANDED_OVER)
+    ),
+    State.ABORTED: Beginning(AUTO, {"refuses_modes": True}, _wait(State.ABORTED)),
+}
+
+
+def vehicle_options(fault: Fault) -> dict[str, Any]:
+    """The vehicle's, those of the beginning first."""
+    options = dict(BEGINNINGS[fault.begin].vehicle)
+    if fault.begin is State.WITHHELD:
+        options["initial_mode"] = CONTROL_MODES[fault.firmware]
+    return {**options, **fault.vehicle}

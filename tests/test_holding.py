@@ -80,6 +80,16 @@ def test_a_hold_mode_that_is_never_seen_ends_in_silence(profile: Profile) -> Non
 
 
 @BOTH
+def test_a_shutdown_on_the_way_to_hold_leaves_for_the_exit_mode(profile: Profile) -> None:
+    it = bench(profile)
+    it.reach(State.TRACKING)
+    it.it.hold(it.now_ns[0])
+    it.see()
+    it.it.shutdown()
+    assert ways(it.see()) == [(State.LEAVING, Event.SHUTDOWN)]
+
+
+@BOTH
 def test_resume_goes_the_whole_way_again(profile: Profile) -> None:
     control = profile.control_mode
     it = held(profile)

@@ -10,7 +10,6 @@ burst of old datagrams is read to its end before a single setpoint is computed f
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Final
 
@@ -46,10 +45,11 @@ from guidance.mavlink.signing import Signing, SigningClock
 from guidance.orders import Orders, reported
 from guidance.readiness import first_unmet
 from guidance.records import Answer, Event, Input, InputKind, Level, Packet, Record
-from guidance.reporting import Cadence, News, setpoint_records, state_record, status_record
+from guidance.reporting import News, setpoint_records, state_record, status_record
 from guidance.requests import ENGAGING
 from guidance.steering import Sent, Steering
 from guidance.supervisor import GUARDED, SETPOINTS, Setpoints, State, status_text
+from guidance.telling import Telling
 from guidance.timing import LoopTiming
 from guidance.tracker import Tracker
 from guidance.view import seen
@@ -97,16 +97,13 @@ class Guide:
             config, self.profile, self.connection, self.link, self.tracker, self._estimator, self.guards
         )
         self._news = News()
-        self._cadence = Cadence()
-        self._records: list[Record] = []
-        self._put_off: list[Callable[[], None]] = []
+        self._told = Telling()
         self._packets: list[bytes] = []
         self._input_seq = 0
         self._started_ns: int | None = None
         self._watch_ns = 0
         self._reboots = 0
         self._words = Words()
-        self._silent_because = ""
 
     # Inputs ------------------------------------------------------------------------------------------
 
@@ -133,17 +130,17 @@ class Guide:
 
     def handle(self, event: Input) -> None:
         """The one way in; the others build its events."""
-        self._catch_up()
+        self._told.catch_up()
         now_ns = event.t_ns
         self._input_seq = event.seq + 1
-        self._records.append(event)
+        self._told.add(event)
         if self._started_ns is None:
             self._started_ns = now_ns
         match event.kind:
             case InputKind.DATAGRAM:
                 came = self.link.receive(event.data, now_ns, event.text)
                 if self.link.signing is not None and self.link.signing.forged:
-                    self._records[-1] = replace(event, text=self.link.signing.forged)
+                    self._told.amend(replace(event, text=self.link.signing.forged))
                 for received in came:
                     self._take(received, now_ns)
                 for told in self.ground.take(now_ns):
@@ -157,13 +154,13 @@ class Guide:
                     self.link.signing.set(msgspec.json.decode(event.text, type=SigningClock), now_ns)
             case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
                 level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
-                self._event(level, event.kind, event.text, now_ns)
+                self._told.event(level, event.kind, event.text, now_ns)
                 if event.kind is InputKind.LINK_UP:
                     self.link.reader.forget()
-                    self._records += self._line.opened(now_ns)
+                    self._told.add(*self._line.opened(now_ns))
         if packets := self.link.outbox.drain():
             self._packets += packets
-            self._put_off.append(partial(self._tell_packets, packets, event))
+            self._told.later(partial(self._tell_packets, packets, event))
 
     # Outputs -----------------------------------------------------------------------------------------
 
@@ -174,9 +171,7 @@ class Guide:
 
     def records(self) -> list[Record]:
         """What to publish and log, in order; empty after. Ask after sending: some are made only now."""
-        self._catch_up()
-        taken, self._records = self._records, []
-        return taken
+        return self._told.taken()
 
     def deadline(self) -> int:
         """When `tick` must be called next, ns; in the past if it is due now."""
@@ -201,7 +196,7 @@ class Guide:
             self._reboots = self.link.reboots
             self._estimator.reset()
             self.guards.rebooted()
-            self._event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
+            self._told.event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
             self._watch_ns = now_ns
         if isinstance(body, StateBody):
             self._take_sample(received.name, body, now_ns)
@@ -214,10 +209,10 @@ class Guide:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)
         elif isinstance(body, StatusText):
-            self._tell(self._words.said(body, now_ns))
+            self._told.tell(self._words.said(body, now_ns))
             self.link.counters["texts_not_shown"] = self._words.not_shown
         elif isinstance(body, NamedValueFloat):
-            self._tell(reported(body, self.tracker, self.link.counters, now_ns))
+            self._told.tell(reported(body, self.tracker, self.link.counters, now_ns))
         elif isinstance(body, Heartbeat | CurrentMode | GpsGlobalOrigin):
             self._watch_ns = now_ns  # look at once: the pilot may have switched, the frame may have moved
 
@@ -231,7 +226,7 @@ class Guide:
     def _tick(self, now_ns: int) -> None:
         self.link.tick(now_ns)
         if self._estimator.news:  # here, where all that waited has been read
-            self._records += self._news.events(self._estimator.news, now_ns)
+            self._told.add(*self._news.events(self._estimator.news, now_ns))
             if self.guards.happened(self._estimator.news):
                 self.tracker.estimator_reset(self.steering.estimate(now_ns))
                 self._watch_ns = now_ns
@@ -244,21 +239,15 @@ class Guide:
             if self.guards.trip is not None:
                 self._supervise(now_ns)
         self.ground.tick(now_ns)  # behind the setpoint
-        self._put_off.append(partial(self._tell_periodic, now_ns))
-
-    def _catch_up(self) -> None:
-        """Make the records that had to wait until the packets are out; nothing has entered since."""
-        works, self._put_off = self._put_off, []
-        for work in works:
-            work()
+        self._told.later(partial(self._tell_periodic, now_ns))
 
     def _tell_packets(self, packets: list[bytes], event: Input) -> None:
-        self._records += [Packet(t_ns=event.t_ns, input_seq=event.seq, data=packet) for packet in packets]
+        self._told.add(*(Packet(t_ns=event.t_ns, input_seq=event.seq, data=packet) for packet in packets))
 
     def _supervise(self, now_ns: int) -> None:
         moved = self._estimator.origin.look(self.link.origin, flying=self.tracker.origin_ned_m is not None)
         if moved is not None:
-            self._event(Level.WARNING, "origin_moved", moved, now_ns)
+            self._told.event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self.steering.basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
         blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
@@ -285,20 +274,20 @@ class Guide:
             self._changed(change, now_ns)
         expired = self.engagement.expired(now_ns)
         if expired is not None:
-            self._event(Level.WARNING, "engage_expired", expired, now_ns)
+            self._told.event(Level.WARNING, "engage_expired", expired, now_ns)
         wanted = self.engagement.due_command(view, now_ns)
         if wanted is not None:
             self.link.outbox.send(command_of(wanted, self.link.system, self.link.component))
 
     def _changed(self, change: Change, now_ns: int) -> None:
         if change.event in GUARDED and self.guards.trip is not None:
-            self._event(Level.ERROR, f"guard_{self.guards.trip.guard}", change.reason, now_ns)
+            self._told.event(Level.ERROR, f"guard_{self.guards.trip.guard}", change.reason, now_ns)
         loud = change.after in _LOUD
         level = Level.WARNING if loud else Level.NOTICE
-        self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
+        self._told.event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
         self.link.outbox.status_text(SEVERITY[level], status_text(change.after, change.event, change.reason))
         self.link.outbox.shown = shown(change.after)
-        self._cadence.now("status")
+        self._told.cadence.now("status")
         if change.after in ENGAGING | LEAVING:
             self._words.forget()
         if SETPOINTS[change.after] is Setpoints.NONE or SETPOINTS[change.before] is Setpoints.NONE:
@@ -317,21 +306,21 @@ class Guide:
         law = SETPOINTS[self.engagement.state] is Setpoints.LAW
         sent = self.steering.send(now_ns, boot_ms, law=law)
         if isinstance(sent, str):
-            self._silent(sent, now_ns)
+            self._told.silent(sent, now_ns)
             return
-        self._silent_because = ""
-        self._put_off.append(partial(self._tell_setpoint, sent, now_ns))
+        self._told.silent("", now_ns)
+        self._told.later(partial(self._tell_setpoint, sent, now_ns))
 
     def _tell_setpoint(self, sent: Sent, now_ns: int) -> None:
         gap_s = self.timing.sent(sent.due_ns, now_ns)
         if gap_s is not None:
-            self._event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
-        self._cadence.told("state", now_ns)
-        self._records += setpoint_records(sent.estimate, sent.solution, sent.outgoing, self.setpoints_sent)
+            self._told.event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
+        self._told.cadence.told("state", now_ns)
+        self._told.add(*setpoint_records(sent.estimate, sent.solution, sent.outgoing, self.setpoints_sent))
 
     def _tell_periodic(self, now_ns: int) -> None:
-        for name in self._cadence.due(now_ns):
-            self._records += self._periodic(name, now_ns)
+        for name in self._told.cadence.due(now_ns):
+            self._told.add(*self._periodic(name, now_ns))
 
     def _periodic(self, name: str, now_ns: int) -> list[Record]:
         if name == "state":
@@ -344,23 +333,10 @@ class Guide:
             return [record, *self._line.news(record, self.link)]
         return [self.timing.record(now_ns, self.dropped_records, self.dropped_packets)]
 
-    def _silent(self, reason: str, now_ns: int) -> None:
-        if not self._silent_because:  # once per silence, not at 50 Hz
-            self._event(Level.WARNING, "silent", f"no setpoint: {reason}", now_ns)
-        self._silent_because = reason
-
     def _answer(self, event: Event | None, answer: Answer) -> None:
         """An order was carried out or refused; what was set holds from here on."""
         self.config = self.orders.config
         self.guards.reconfigure(self.config)
         self._watch_ns = answer.t_ns
-        self._tell(event)
-        self._records.append(answer)
-
-    def _tell(self, event: Event | None) -> None:
-        if event is not None:
-            self._records.append(event)
-            self._cadence.now("status")
-
-    def _event(self, level: Level, code: str, text: str, now_ns: int) -> None:
-        self._records.append(Event(t_ns=now_ns, level=level, code=code, text=text))
+        self._told.tell(event)
+        self._told.add(answer)

@@ -258,12 +258,15 @@ def test_a_session_that_cannot_be_decoded_is_refused(log: Path, tmp_path: Path, 
         replay(rewritten(log, tmp_path, lambda topic, payload: spoilt if topic == "session" else payload))
 
 
-def test_an_input_that_no_service_had_is_refused(log: Path, tmp_path: Path) -> None:
+def test_an_input_that_no_service_had_is_refused(tmp_path: Path) -> None:
     def foreign(payload: bytes) -> bytes:
-        return payload.replace(b'"tick"', b'"command"').replace(b'"datagram"', b'"command"')
+        return payload.replace(b'"tick"', b'"signing_clock"').replace(b'"datagram"', b'"signing_clock"')
 
+    flight = make_flight("link.signing_key_file=signing.key", signing_key=bytes(range(32)))
+    flight.run(1.0)
+    whole = write(tmp_path / "whole", flight.records, "link.signing_key_file=signing.key")
     with pytest.raises(ReplayError, match=r"no service had input \d+ like this"):
-        replay(rewritten(log, tmp_path, spoilt_last("input", foreign, log)))
+        replay(rewritten(whole, tmp_path / "spoilt", spoilt_last("input", foreign, whole)))
 
 
 def test_a_packet_of_a_signed_link_that_is_no_record_any_more_is_a_difference(tmp_path: Path) -> None:

@@ -161,8 +161,10 @@ def allowed(hint: Any) -> str:
         if arguments[-1] is Ellipsis and get_origin(arguments[0]) is tuple:
             return "a list of pairs of numbers"
         if arguments[-1] is Ellipsis:
-            of = get_args(arguments[0])[1:] if get_origin(arguments[0]) is Annotated else ()
-            return "a list of texts" + "".join(_described(meta) for meta in of if isinstance(meta, Meta))
+            of, *rest = get_args(arguments[0]) if get_origin(arguments[0]) is Annotated else arguments[:1]
+            metas = [meta for meta in rest if isinstance(meta, Meta)]
+            which = {int: "whole numbers", str: "texts"}[of]
+            return f"a list of {which}" + "".join(_range(meta) + _described(meta) for meta in metas)
         return f"a list of {len(arguments)} numbers"
     return {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}[hint]
 

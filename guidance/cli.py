@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from guidance import __version__
+from guidance.command_cli import command
 
 _ROOT_HELP = """Guidance of forward-driven vehicles on SE(3) over MAVLink.
 
@@ -23,6 +24,7 @@ guidance demo --trajectory lemniscate --seconds 60
 guidance check --config vehicle.toml                is all well? moves nothing
 guidance run --config vehicle.toml                  the service, for a real one
 guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
+guidance command uuv-1 engage                       an order, answered
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
 """
 
@@ -326,6 +328,9 @@ def check(
         sys.stdout.flush()
         os._exit(status)  # a thread in zenoh would hold up the interpreter's own end, or abort it
     raise typer.Exit(status)
+
+
+app.command("command")(command)
 
 
 def main() -> None:

@@ -51,6 +51,7 @@ class Link(_Section, frozen=True, kw_only=True):
     position_timeout_s: Timeout
     heartbeat_timeout_s: Annotated[float, Meta(ge=1.5, le=30.0)] = 3.0
     actuation_delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    commands_from: tuple[SystemId, ...] = ()
     signing_key_file: str = ""
     signing_link_id: Annotated[int, Meta(ge=0, le=255)] = 0
 
@@ -94,7 +95,7 @@ Locator = Annotated[
 
 
 class Zenoh(_Section, frozen=True, kw_only=True):
-    """Telemetry. A file replaces all the other settings but `enabled`."""
+    """Telemetry and orders. A file replaces all the other settings but `enabled` and `commands`."""
 
     enabled: bool = True
     mode: Literal["peer", "client"] = "peer"
@@ -102,6 +103,7 @@ class Zenoh(_Section, frozen=True, kw_only=True):
     listen: tuple[Locator, ...] = ()
     multicast_scouting: bool = False
     config_file: str = ""
+    commands: bool = False
 
 
 class Log(_Section, frozen=True, kw_only=True):
@@ -184,6 +186,14 @@ def from_json(data: str) -> Config:
         raise ConfigError(f"the configuration in the log: {error}") from None
     for problem in _conflicts(config):
         raise ConfigError(f"the configuration in the log: {problem.key}{problem.text}")
+    return config
+
+
+def checked(config: Config) -> Config:
+    """The same, if its settings do not contradict each other; raises ConfigError."""
+    found = [f"{problem.key}{problem.text}" for problem in _conflicts(config)]
+    if found:
+        raise ConfigError("\n".join(found))
     return config
 
 

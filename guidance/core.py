@@ -19,9 +19,12 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.commanding import command_of
+from guidance.commands import Order, text_of
+from guidance.component import shown
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimator
+from guidance.ground import Ground
 from guidance.guarding import Guards
 from guidance.intake import streams_at, take_state
 from guidance.leaving import LEAVING
@@ -40,9 +43,9 @@ from guidance.mavlink.messages import (
 )
 from guidance.mavlink.report import link_record
 from guidance.mavlink.signing import Signing, SigningClock
-from guidance.orders import obey, reported
+from guidance.orders import Orders, reported
 from guidance.readiness import first_unmet
-from guidance.records import Command, Event, Input, InputKind, Level, Packet, Record
+from guidance.records import Answer, Event, Input, InputKind, Level, Packet, Record
 from guidance.reporting import Cadence, News, setpoint_records, state_record, status_record
 from guidance.requests import ENGAGING
 from guidance.steering import Sent, Steering
@@ -82,6 +85,8 @@ class Guide:
         )
         self.engagement = Engagement(config.supervisor, self.profile)
         self.tracker = Tracker(config, self.profile)
+        self.orders = Orders(config, self.engagement, self.tracker)
+        self.ground = Ground(self.link, self.orders, self.engagement)
         self.timing = LoopTiming()
         self.dropped_records = 0  # told by the shell, for the record only; no decision depends on it,
         self.dropped_packets = 0  # nor on this
@@ -113,9 +118,9 @@ class Guide:
         """Time passed; call when `deadline()` is reached, calling more often is harmless."""
         self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.TICK))
 
-    def command(self, command: Command, now_ns: int) -> None:
-        """The operator commands."""
-        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.COMMAND, text=command))
+    def command(self, order: Order, now_ns: int) -> None:
+        """The operator orders."""
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.COMMAND, text=text_of(order)))
 
     def note(self, kind: InputKind, text: str, now_ns: int) -> None:
         """The shell has something to say: the transport opened or failed, a sink has a problem."""
@@ -141,12 +146,12 @@ class Guide:
                     self._records[-1] = replace(event, text=self.link.signing.forged)
                 for received in came:
                     self._take(received, now_ns)
+                for told in self.ground.take(now_ns):
+                    self._answer(*told)
             case InputKind.TICK:
                 self._tick(now_ns)
             case InputKind.COMMAND:
-                self._watch_ns = now_ns
-                told = obey(Command(event.text), self.engagement, self.tracker, now_ns)
-                self._tell(told)
+                self._answer(*self.orders.obey(event.text, now_ns))
             case InputKind.SIGNING_CLOCK:
                 if self.link.signing is not None:
                     self.link.signing.set(msgspec.json.decode(event.text, type=SigningClock), now_ns)
@@ -238,6 +243,7 @@ class Guide:
             self._setpoint(now_ns)
             if self.guards.trip is not None:
                 self._supervise(now_ns)
+        self.ground.tick(now_ns)  # behind the setpoint
         self._put_off.append(partial(self._tell_periodic, now_ns))
 
     def _catch_up(self) -> None:
@@ -291,6 +297,7 @@ class Guide:
         level = Level.WARNING if loud else Level.NOTICE
         self._event(level, f"state_{change.after}", f"{change.after}: {change.reason}", now_ns)
         self.link.outbox.status_text(SEVERITY[level], status_text(change.after, change.event, change.reason))
+        self.link.outbox.shown = shown(change.after)
         self._cadence.now("status")
         if change.after in ENGAGING | LEAVING:
             self._words.forget()
@@ -341,6 +348,14 @@ class Guide:
         if not self._silent_because:  # once per silence, not at 50 Hz
             self._event(Level.WARNING, "silent", f"no setpoint: {reason}", now_ns)
         self._silent_because = reason
+
+    def _answer(self, event: Event | None, answer: Answer) -> None:
+        """An order was carried out or refused; what was set holds from here on."""
+        self.config = self.orders.config
+        self.guards.reconfigure(self.config)
+        self._watch_ns = answer.t_ns
+        self._tell(event)
+        self._records.append(answer)
 
     def _tell(self, event: Event | None) -> None:
         if event is not None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 from guidance.checking import Problem, shown
 from guidance.se3 import Vec3, cross, dot, norm
@@ -40,14 +41,13 @@ def infeasible(
             f" = {limits.speed_min_m_s:g}: must be below speed_max_m_s = {limits.speed_max_m_s:g}",
         )
         return
-    step_s = trajectory.cycle_s / INSTANTS
-    moving = [_in_its_space(sample(trajectory, step_s * i), planar) for i in range(INSTANTS)]
+    motion = _motion(trajectory, planar)
     if law.name == "paper" and limits.speed_min_m_s >= 0.0:
         yield Problem(
             "limits.speed_min_m_s",
             f' = {limits.speed_min_m_s:g}: the law "paper" reverses where the vehicle faces away, and never '
             'converges from there if it may not; set law.name = "global", which only goes forward, or '
-            f"below {-max(norm(r.velocity) for r in moving):.3g}, the trajectory's speed: reverse has to be "
+            f"below {-motion.fastest_m_s:.3g}, the trajectory's speed: reverse has to be "
             "as fast as it",
         )
     fastest = min(limits.speed_max_m_s, full_thrust_m_s)
@@ -60,51 +60,66 @@ def infeasible(
                 f" = {approach_m_s:g}: the vehicle moves at most at {fastest:g} m/s {bounded_by}",
             )
     for found in (
-        _too_fast_or_slow(moving, limits.speed_min_m_s, fastest, bounded_by),
-        _too_sudden(moving, limits.acceleration_max_m_s2),
-        _too_tight(moving, limits, rates_of(law.allocation, planar)),
+        _too_fast_or_slow(motion, limits.speed_min_m_s, fastest, bounded_by),
+        _too_sudden(motion, limits.acceleration_max_m_s2),
+        _too_tight(motion, limits, rates_of(law.allocation, planar)),
     ):
         if found is not None:
             yield Problem("trajectory.name", f" = {shown(str(trajectory.__struct_config__.tag))}: it {found}")
 
 
-def _too_fast_or_slow(moving: list[Reference], slowest: float, fastest: float, bounded_by: str) -> str | None:
+class _Motion(NamedTuple):
+    """The extremes of a trajectory's cycle."""
+
+    slowest_m_s: float
+    fastest_m_s: float
+    change_m_s2: float
+    turn_rad_s: float
+
+
+@lru_cache(maxsize=16)
+def _motion(trajectory: Trajectory, planar: bool) -> _Motion:
+    """Looked at once: a limit that is set in flight is held against what is known by then."""
+    step_s = trajectory.cycle_s / INSTANTS
+    moving = [_in_its_space(sample(trajectory, step_s * i), planar) for i in range(INSTANTS)]
     speeds = [norm(r.velocity) for r in moving]
-    if max(speeds) * _ROUNDING > fastest:
-        return f"moves at {max(speeds):.3g} m/s, and the vehicle at most at {fastest:g} {bounded_by}"
-    if min(speeds) < slowest * _ROUNDING:
+    going = [(r, speed) for r, speed in zip(moving, speeds, strict=True) if speed > 0.0]
+    return _Motion(
+        min(speeds),
+        max(speeds),
+        max((abs(dot(r.velocity, r.acceleration)) / speed for r, speed in going), default=0.0),
+        max((norm(cross(r.velocity, r.acceleration)) / speed**2 for r, speed in going), default=0.0),
+    )
+
+
+def _too_fast_or_slow(motion: _Motion, slowest: float, fastest: float, bounded_by: str) -> str | None:
+    if motion.fastest_m_s * _ROUNDING > fastest:
+        return f"moves at {motion.fastest_m_s:.3g} m/s, and the vehicle at most at {fastest:g} {bounded_by}"
+    if motion.slowest_m_s < slowest * _ROUNDING:
         return (
-            f"moves at {min(speeds):.3g} m/s, and the vehicle never slower than "
+            f"moves at {motion.slowest_m_s:.3g} m/s, and the vehicle never slower than "
             f"limits.speed_min_m_s = {slowest:g}"
         )
     return None
 
 
-def _too_sudden(moving: list[Reference], acceleration_max: float | None) -> str | None:
-    changes = [
-        abs(dot(r.velocity, r.acceleration)) / speed for r in moving if (speed := norm(r.velocity)) > 0.0
-    ]
-    if acceleration_max is None or max(changes, default=0.0) * _ROUNDING <= acceleration_max:
+def _too_sudden(motion: _Motion, acceleration_max: float | None) -> str | None:
+    if acceleration_max is None or motion.change_m_s2 * _ROUNDING <= acceleration_max:
         return None
     return (
-        f"gains or loses {max(changes):.3g} m/s each second, and the vehicle at most {acceleration_max:g} "
-        "(limits.acceleration_max_m_s2)"
+        f"gains or loses {motion.change_m_s2:.3g} m/s each second, and the vehicle at most "
+        f"{acceleration_max:g} (limits.acceleration_max_m_s2)"
     )
 
 
-def _too_tight(moving: list[Reference], limits: LimitsConfig, rates: tuple[str, ...]) -> str | None:
-    turns = [
-        norm(cross(r.velocity, r.acceleration)) / speed**2
-        for r in moving
-        if (speed := norm(r.velocity)) > 0.0
-    ]
+def _too_tight(motion: _Motion, limits: LimitsConfig, rates: tuple[str, ...]) -> str | None:
     turning = [key for key in rates if key != "roll_rate_max_rad_s"]
     fastest = math.hypot(*(getattr(limits, key) for key in turning))
     # An allocation without its rates is refused as such.
-    if max(turns, default=0.0) * _ROUNDING <= fastest or fastest == 0.0:
+    if motion.turn_rad_s * _ROUNDING <= fastest or fastest == 0.0:
         return None
     keys = ", ".join(f"limits.{key}" for key in turning)
-    return f"turns at {max(turns):.3g} rad/s, and the vehicle at most at {fastest:.3g} ({keys})"
+    return f"turns at {motion.turn_rad_s:.3g} rad/s, and the vehicle at most at {fastest:.3g} ({keys})"
 
 
 def _in_its_space(reference: Reference, planar: bool) -> Reference:

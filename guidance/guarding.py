@@ -44,6 +44,10 @@ class Guards:
         self._at_once = [guard for guard in GUARDS if guard.for_s == 0.0 and guard.name != "failsafe"]
         self.rebooted()
 
+    def reconfigure(self, config: Config) -> None:
+        """Limits and trajectory are these from now on."""
+        self._config = config
+
     def rebooted(self) -> None:
         """Another autopilot, as it were: nothing is known of its batteries."""
         self._percent: int | None = None
@@ -93,7 +97,6 @@ class Guards:
             self.condition = next((f"{guard.name}: {why}" for guard, why in found if why is not None), None)
             return
         self.condition = None
-        self._looked_ns = -_PLAN_NS
         for guard in GUARDS:
             reason = guard.exceeded(look)
             if reason is None:

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from guidance.printable import printable
-from guidance.records import Command, Event, Input, InputKind, Record, Status
+from guidance.records import Answer, Event, InputKind, Record, Status
 from guidance.supervisor import State
 
 #: WATCHDOG=1 goes out so many times in WATCHDOG_USEC: one that is lost does not end a sound service.
@@ -64,8 +64,8 @@ class Notifier:
             self._tell(0)
 
     def _look(self, record: Record) -> None:
-        if isinstance(record, Input):
-            if record.kind is InputKind.COMMAND and record.text == Command.SHUTDOWN:
+        if isinstance(record, Answer):
+            if record.order == "shutdown":
                 self._untold["STOPPING"] = "1"
             return
         if isinstance(record, Event) and record.code in (InputKind.LINK_UP, InputKind.LINK_DOWN):

@@ -37,21 +37,12 @@ class InputKind(StrEnum):
     SIGNING_CLOCK = "signing_clock"
 
 
-class Command(StrEnum):
-    """What an operator can ask for."""
-
-    ENGAGE = "engage"
-    SHUTDOWN = "shutdown"
-    ALLOCATE_PITCH_YAW = "allocate-pitch-yaw"
-    ALLOCATE_ROLL_PITCH = "allocate-roll-pitch"
-    ALLOCATE_ROLL_YAW = "allocate-roll-yaw"
-
-
 class Input(Record, frozen=True, kw_only=True, gc=False):
     """One event that entered the core, in order; `seq` counts them without gaps, so that a loss shows.
 
-    The `text` of a datagram numbers those of its frames whose signature was not made with our key, so that
-    a replay needs no key; that of the signing clock is JSON (`guidance.mavlink.signing.SigningClock`).
+    The `text` of a command is JSON (`guidance.commands.Order`), and so is that of the signing clock
+    (`guidance.mavlink.signing.SigningClock`). That of a datagram numbers those of its frames whose signature
+    was not made with our key, so that a replay needs no key.
     """
 
     seq: int
@@ -248,6 +239,21 @@ class Event(Record, frozen=True, kw_only=True):
     text: str
 
 
+class Answer(Record, frozen=True, kw_only=True):
+    """What became of an order: obeyed (`accepted`), or not and why.
+
+    `order`, `id` and `source` are those of the order. `reason` of an accepted one says what was changed, or
+    that it was so already. `repeated` marks an id that was answered before: nothing was done again.
+    """
+
+    order: str
+    id: str
+    source: str
+    accepted: bool
+    reason: str
+    repeated: bool = False
+
+
 class Lost(Record, frozen=True, kw_only=True):
     """The recorder had to drop `count` records since the last mark, because the disk did not keep up."""
 
@@ -267,6 +273,7 @@ TOPICS: Final[dict[type[Record], str]] = {
     Link: "link",
     Timing: "timing",
     Event: "event",
+    Answer: "answers",
     Lost: "lost",
 }
 

@@ -16,19 +16,14 @@ from contextlib import suppress
 from typing import Final
 
 from guidance import __version__
+from guidance.commands import Engage, Shutdown
 from guidance.config import Config, to_json
 from guidance.notify import Notifier
-from guidance.records import SCHEMA_VERSION, Command, Session
+from guidance.records import SCHEMA_VERSION, Session
 from guidance.shell import Shell
 from guidance.signing_files import ClockKeeper, open_signing
 from guidance.telemetry.sinks import Sinks, configured_sinks
 
-#: An actuator failed, or works again: SIGRTMIN + i (`kill -s RTMIN+1`) commands the i-th.
-ALLOCATION_COMMANDS: Final = (
-    Command.ALLOCATE_PITCH_YAW,
-    Command.ALLOCATE_ROLL_PITCH,
-    Command.ALLOCATE_ROLL_YAW,
-)
 #: The sinks' threads give the interpreter back at least this often (default 5 ms).
 SWITCH_INTERVAL_S: Final = 0.0005
 #: All sinks together have this long to write what waits when the service stops.
@@ -68,15 +63,14 @@ async def _serve(
     shell = Shell(config, sinks, session, notifier, keeper)
     loop = asyncio.get_running_loop()
 
-    def stop() -> None:
+    def stop(number: signal.Signals) -> None:
         _leave_at_the_latest(lambda: 0 if shell.finished else 1)
-        shell.command(Command.SHUTDOWN)
+        shell.command(Shutdown(source=number.name))
 
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop)
-    loop.add_signal_handler(signal.SIGUSR1, shell.command, Command.ENGAGE)
-    for offset, command in enumerate(ALLOCATION_COMMANDS):
-        loop.add_signal_handler(signal.SIGRTMIN + offset, shell.command, command)
+        loop.add_signal_handler(number, stop, number)
+    loop.add_signal_handler(signal.SIGUSR1, shell.command, Engage(source="SIGUSR1"))
+    sinks.orders_to(shell.hand_over)
     sinks.start()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     gc.collect()

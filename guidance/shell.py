@@ -10,13 +10,15 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Final
 
+from guidance.commands import Order, verb_of
 from guidance.config import Config, parse_connection
 from guidance.core import Guide
 from guidance.mavlink.signing import Refusal
 from guidance.notify import Notifier
-from guidance.records import Command, InputKind, Session
+from guidance.records import InputKind, Session
 from guidance.signing_files import ClockKeeper
 from guidance.telemetry.sinks import Sinks
 from guidance.transport import Address, Lost, Transport, open_transport, said
@@ -90,9 +92,20 @@ class Shell:
         if self._bug is not None:
             raise self._bug
 
-    def command(self, command: Command) -> None:
-        """An operator's command, from a signal."""
-        self._turn(lambda now_ns: self._guide.command(command, now_ns))
+    def command(self, order: Order) -> None:
+        """An operator's order, on the loop's own thread."""
+        self._turn(lambda now_ns: self._guide.command(order, now_ns))
+
+    def hand_over(self, order: Order, until_ns: int) -> None:
+        """An operator's order, from any thread: obeyed at once, or never if it is later than `until_ns`."""
+        with suppress(RuntimeError):  # the loop has ended: nobody answers
+            self._loop.call_soon_threadsafe(self._handed_over, order, until_ns)
+
+    def _handed_over(self, order: Order, until_ns: int) -> None:
+        if time.monotonic_ns() <= until_ns:
+            self.command(order)
+        else:
+            self._note(InputKind.NOTE, f"{verb_of(order)} of {order.source} came too late and is not obeyed")
 
     # Bugs --------------------------------------------------------------------------------------------
 

@@ -119,6 +119,16 @@ class Tracker:
         self._history = NOTHING_SENT
         self._stepped_ns = instant_ns
         self._forget_resets()
+        self._parametrise(origin_ned_m)
+
+    def reconfigure(self, config: Config) -> None:
+        """Gains, limits and trajectory are these from the next setpoint on; they are checked already."""
+        self._trajectory = config.trajectory
+        self._law = config.law
+        self._limits = config.limits
+        self._parametrise(self.origin_ned_m or ZERO)
+
+    def _parametrise(self, origin_ned_m: Vec3) -> None:
         found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
         self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
 

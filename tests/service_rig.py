@@ -12,8 +12,9 @@ from typing import Any, Final
 import msgspec
 from pymavlink.dialects.v20 import all as mavlink
 
+from guidance.commands import Shutdown
 from guidance.config import Config
-from guidance.records import TOPICS, Command, Event, Record, Setpoint
+from guidance.records import TOPICS, Event, Record, Setpoint
 from guidance.service import new_session
 from guidance.shell import Shell
 from guidance.signing_files import open_signing
@@ -155,7 +156,7 @@ async def running(*overrides: str, others: Mapping[str, Sink] | None = None) -> 
     try:
         yield rig
     finally:
-        rig.shell.command(Command.SHUTDOWN)
+        rig.shell.command(Shutdown())
         await asyncio.wait_for(rig.run, PATIENCE_S)
         if rig.keeper is not None:
             rig.keeper.close(PATIENCE_S)

@@ -14,10 +14,11 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance import se3
 from guidance.alignment import global_turn
 from guidance.allocation import PITCH_YAW, ROLL_PITCH, ROLL_YAW, TURN_MIN_RAD_S, allocate
+from guidance.commands import Allocate, Allocation
 from guidance.error_function import PAPER as PAPER_PHI
 from guidance.law import GLOBAL, PAPER, REST, UNSTARTED, Gains, Memory, Parameters, guide_step
 from guidance.limits import Controls, Limits, stoppable
-from guidance.records import Command, Setpoint, Status
+from guidance.records import Setpoint, Status
 from guidance.replay import replay
 from guidance.se3 import IDENTITY, ZERO, Pose, Quaternion, Reference, Vec3
 from guidance.supervisor import State
@@ -172,11 +173,11 @@ def test_the_allocation_is_switched_in_flight_without_stopping_and_replays(tmp_p
     fly_until_tracking(flight)
     flight.run(14.0)
     assert error_m(flight) < 0.01
-    for command, dead in ((Command.ALLOCATE_ROLL_PITCH, 2), (Command.ALLOCATE_ROLL_YAW, 1)):
+    for command, dead in ((Allocate(allocation="roll-pitch"), 2), (Allocate(allocation="roll-yaw"), 1)):
         flight.guide.command(command, flight.now_ns)
         commanded_ns = flight.now_ns + 1
         flight.run(0.06)
-        assert records_of(flight, Status)[-1].allocation == command.removeprefix("allocate-")  # at once
+        assert records_of(flight, Status)[-1].allocation == command.allocation  # at once
         worst = 0.0
         for _ in range(100):
             flight.run(0.05)
@@ -186,9 +187,9 @@ def test_the_allocation_is_switched_in_flight_without_stopping_and_replays(tmp_p
         rates = rates_since(flight, commanded_ns)
         assert {r[dead] for r in rates} == {0.0}
         assert max(abs(r[0]) for r in rates) > 0.1
-        assert records_of(flight, Status)[-1].allocation == command.removeprefix("allocate-")
+        assert records_of(flight, Status)[-1].allocation == command.allocation
         assert state_of(flight) is State.TRACKING
-    flight.guide.command(Command.ALLOCATE_PITCH_YAW, flight.now_ns)
+    flight.guide.command(Allocate(allocation="pitch-yaw"), flight.now_ns)
     commanded_ns = flight.now_ns + 1
     flight.run(3.0)
     assert {r[0] for r in rates_since(flight, commanded_ns)} == {0.0}
@@ -211,7 +212,7 @@ def test_the_configured_allocation_is_flown_and_one_commanded_before_engaging_is
     flight.run(3.0)
     assert {r[1] for r in rates_since(flight, 0)} == {0.0}
     flight = make_flight(*CIRCLE)
-    flight.guide.command(Command.ALLOCATE_ROLL_PITCH, flight.now_ns)
+    flight.guide.command(Allocate(allocation="roll-pitch"), flight.now_ns)
     fly_until_tracking(flight)
     flight.run(3.0)
     assert {r[2] for r in rates_since(flight, 0)} == {0.0}
@@ -237,11 +238,11 @@ def test_the_configured_allocation_is_flown_and_one_commanded_before_engaging_is
     ],
 )
 def test_what_the_vehicle_cannot_turn_by_is_refused_in_flight_with_the_reason(
-    overrides: tuple[str, ...], flown: str, asked: str, why: str
+    overrides: tuple[str, ...], flown: str, asked: Allocation, why: str
 ) -> None:
     flight = make_flight(*overrides, "trajectory.name=circle")
     fly_until_tracking(flight)
-    flight.guide.command(Command(f"allocate-{asked}"), flight.now_ns)
+    flight.guide.command(Allocate(allocation=asked), flight.now_ns)
     flight.run(1.0)
     assert events_of(flight, "allocation_refused") == [f"{asked} refused: {why}"]
     assert records_of(flight, Status)[-1].allocation == flown
@@ -251,7 +252,7 @@ def test_what_the_vehicle_cannot_turn_by_is_refused_in_flight_with_the_reason(
 def test_a_planar_vehicle_that_cannot_pitch_is_told_pitch_yaw_and_goes_on() -> None:
     flight = make_flight(*ROVER, "limits.pitch_rate_max_rad_s=0", "trajectory.name=circle")
     fly_until_tracking(flight)
-    flight.guide.command(Command.ALLOCATE_PITCH_YAW, flight.now_ns)
+    flight.guide.command(Allocate(allocation="pitch-yaw"), flight.now_ns)
     flight.run(0.1)
     assert events_of(flight, "allocation_refused") == []
     assert events_of(flight, "allocated") == ["turning by pitch-yaw"]
@@ -320,7 +321,7 @@ def test_a_repeated_report_undoes_nothing_that_the_operator_commanded() -> None:
         flight.inject(bytes(dialect.MAVLink_named_value_float_message(0, b"ALLOC", value).pack(mav)))
 
     report(0.0)
-    flight.guide.command(Command.ALLOCATE_ROLL_PITCH, flight.now_ns)
+    flight.guide.command(Allocate(allocation="roll-pitch"), flight.now_ns)
     report(0.0)
     assert flight.guide.tracker.allocation == "roll-pitch"
     report(2.0)

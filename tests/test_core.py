@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from guidance.commands import Shutdown
 from guidance.records import (
-    Command,
     Event,
     Input,
     InputKind,
@@ -203,7 +203,7 @@ def test_every_input_is_recorded_with_a_number_that_counts_without_gaps_and_pack
 
 def test_changes_of_state_are_told_by_statustext_with_a_severity() -> None:
     flight = tracking()
-    flight.guide.command(Command.SHUTDOWN, flight.now_ns)
+    flight.guide.command(Shutdown(), flight.now_ns)
     flight.run(1.5)
     parser = mavlink.MAVLink(None)
     told = [

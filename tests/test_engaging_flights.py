@@ -7,7 +7,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from guidance.records import Command, Status
+from guidance.commands import Engage, Shutdown
+from guidance.records import Status
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
 from sitl.vehicle import Firmware
@@ -79,7 +80,7 @@ def test_px4_armed_in_an_intended_offboard_is_left_alone_until_somebody_acts() -
             "found armed in offboard: silent until the mode changes, it disarms, or engage is commanded"
         )
         if act == "command":
-            flight.guide.command(Command.ENGAGE, flight.now_ns)
+            flight.guide.command(Engage(), flight.now_ns)
             fly_until_tracking(flight, 1.5)
         elif act == "mode":
             pilot.switch("hold")
@@ -92,7 +93,7 @@ def test_px4_armed_in_an_intended_offboard_is_left_alone_until_somebody_acts() -
             pilot.arm(False)
             flight.run(20.0)  # auto does not arm what the pilot has just disarmed
             assert (state_of(flight), flight.vehicle.armed) == (State.READY, False)
-            flight.guide.command(Command.ENGAGE, flight.now_ns)
+            flight.guide.command(Engage(), flight.now_ns)
             fly_until_tracking(flight, 3.0)
 
 
@@ -131,7 +132,7 @@ def test_px4_without_current_mode_says_what_the_pilot_can_do_and_that_is_true() 
             continue
         flight.run(1.1)  # HEARTBEAT shows it
         if act == "command":
-            flight.guide.command(Command.ENGAGE, flight.now_ns)
+            flight.guide.command(Engage(), flight.now_ns)
         fly_until_tracking(flight, 2.5)
 
 
@@ -156,7 +157,7 @@ def test_a_stalled_process_does_not_take_control_back() -> None:
 def test_an_engage_command_that_could_not_be_obeyed_says_so() -> None:
     flight = make_flight(*PILOT, "flight.origin=ekf", "supervisor.engage_max_error_m=5")
     flight.run(3.0)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     flight.run(4.9)
     assert events_of(flight, "engage_expired") == []
     flight.run(10.0)
@@ -278,14 +279,14 @@ def test_the_origin_is_where_the_configuration_puts_it(firmware: tuple[str, ...]
 
 def test_the_engage_command_is_refused_with_the_reason() -> None:
     flight = make_flight(*AUTO)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     fly_until_tracking(flight)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
-    flight.guide.command(Command.SHUTDOWN, flight.now_ns)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
+    flight.guide.command(Shutdown(), flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     flight.run(1.0)
     assert events_of(flight, "engage_refused") == [
         "engage refused: disconnected: no heartbeat of the autopilot yet",
-        "engage ignored: already tracking",
         "engage refused: the service is shutting down",
     ]
+    assert events_of(flight, "engage") == ["engage commanded: already tracking"]

@@ -11,7 +11,7 @@ from typing import Final
 
 import pytest
 
-from guidance.records import Command
+from guidance.commands import Engage, Shutdown
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
 from sitl.vehicle.px4 import Px4
@@ -26,7 +26,7 @@ OFFSETS_S: Final = (0.0, 0.15, 0.03, 0.4)
 def streaming(firmware: tuple[str, ...]) -> Lockstep:
     flight = make_flight(*firmware, *PILOT, initially_armed=True)
     fly_until(flight, State.READY)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     fly_until(flight, State.STREAMING)
     return flight
 
@@ -82,7 +82,7 @@ def switch(flight: Lockstep) -> None:
 
 
 def stop(flight: Lockstep) -> None:
-    flight.guide.command(Command.SHUTDOWN, flight.now_ns)
+    flight.guide.command(Shutdown(), flight.now_ns)
 
 
 def nothing(_: Lockstep) -> None:

@@ -159,6 +159,34 @@ def test_what_is_not_inside_the_fence_does_not_engage(firmware: tuple[str, ...],
     assert ("outside the fence" if way == "vehicle" else "leaves the fence in") in said
 
 
+def test_the_whole_plan_must_be_inside_before_the_flight_begins() -> None:
+    flight = make_flight(*AUTO, "flight.origin=engage", "guards.fence_down_max_m=-4")
+    flight.run(5.0)
+    assert flight.guide.engagement.reason == "fence: the trajectory leaves the fence in 10 s"
+
+
+def test_a_failsafe_from_before_does_not_end_the_flight_that_was_commanded_after_it() -> None:
+    flight, _ = tracking(PX4)
+    flight.to_guide = flight.to_vehicle = Channel(loss=1.0)
+    flight.run(2.0)
+    flight.to_guide = flight.to_vehicle = PERFECT
+    flight.run(5.0)
+    assert flight.vehicle.mode == "POSCTL"
+    assert flight.guide.engagement.engage(flight.now_ns) is None
+    fly_until(flight, State.TRACKING)
+    flight.run(3.0)
+    assert state_of(flight) is State.TRACKING
+
+
+def test_jumps_that_are_still_blended_add_up() -> None:
+    flight, _ = tracking(PX4)
+    flight.vehicle.reset_estimator(flight.now_ns, (8.0, 0.0, 0.0))
+    flight.run(0.5)
+    assert state_of(flight) is State.TRACKING
+    flight.vehicle.reset_estimator(flight.now_ns, (16.0, 0.0, 0.0))
+    assert assert_ended(flight, "jump", 0.2).startswith("jump: estimator off by 1")
+
+
 def test_a_fence_on_earth_is_found_in_the_local_frame() -> None:
     around = [[47.396, 8.543], [47.399, 8.543], [47.399, 8.548], [47.396, 8.548]]
     flight = make_flight(*AUTO, f"guards.fence_deg={around}")

@@ -1,4 +1,4 @@
-"""Holding, resuming and aborting: with views made by hand, then in flight with both firmwares."""
+"""Holding, resuming and aborting, with views made by hand."""
 
 from __future__ import annotations
 
@@ -9,15 +9,10 @@ import pytest
 from guidance.leaving import LEAVE_S, PAUSE_S
 from guidance.mavlink.messages import CommandAck
 from guidance.mavlink.profiles import Profile
-from guidance.records import Reference, TrackingError
 from guidance.supervisor import Event, State
 from guidance.takeover import UNDER_WAY_S
 from guidance.view import Trip
-from sitl.lockstep import Lockstep
 from tests.engagement_bench import BOTH, PX4, ROVER, Bench, bench, mode, ways
-from tests.helpers import events_of, fly_until, fly_until_tracking, records_of, setpoints_since, state_of
-from tests.pilot import BOTH as FIRMWARES
-from tests.pilot import DEAD, NAMES, tracking
 
 
 def held(profile: Profile, engage: str = "pilot") -> Bench:
@@ -197,6 +192,7 @@ def test_abort_before_engaging_takes_the_command_back(profile: Profile) -> None:
         assert it.it.abort(it.now_ns[0]) is None
         it.see(blocked=None)
         it.see(60.0)
+        assert it.it.expired(it.now_ns[0]) is None
         assert it.state() is State.READY
 
 
@@ -258,90 +254,3 @@ def test_the_pilots_act_comes_before_a_guard_and_an_order(profile: Profile) -> N
     it.see(custom_mode=mode(profile, "manual"), trip=Trip("speed", "too fast", profile.mode("hold")))
     assert it.state() is State.HANDED_OVER
     assert it.command() is None
-
-
-# In flight ---------------------------------------------------------------------------------------
-
-
-def order(flight: Lockstep, name: str) -> None:
-    """An operator's order, which must be accepted."""
-    assert getattr(flight.guide.engagement, name)(flight.now_ns) is None
-
-
-@FIRMWARES
-def test_a_held_flight_stands_still_and_goes_on_where_it_was(firmware: tuple[str, ...]) -> None:
-    flight, _ = tracking(firmware)
-    flight.run(10.0)
-    order(flight, "hold")
-    fly_until(flight, State.HOLDING)
-    held_ns, paused_s = flight.now_ns, flight.guide.tracker.paused_s
-    last = records_of(flight, Reference)[-1]
-    assert paused_s == pytest.approx(last.trajectory_s, abs=0.05)
-    assert flight.vehicle.mode in NAMES["hold"]
-    flight.run(20.0)
-    assert state_of(flight) is State.HOLDING
-    assert setpoints_since(flight, held_ns) == []
-    order(flight, "resume")
-    fly_until_tracking(flight)
-    flight.run(0.1)
-    first = records_of(flight, Reference, since_ns=held_ns + 1_000_000_000)[0]
-    assert first.trajectory_s == pytest.approx(paused_s, abs=0.03)
-    assert first.position_ned_m == pytest.approx(last.position_ned_m, abs=0.1)
-    flight.run(10.0)
-    errors = [error.norm_m for error in records_of(flight, TrackingError, since_ns=flight.now_ns - 10**9)]
-    assert max(errors) < 0.1
-    assert flight.guide.tracker.start_ns is not None
-
-
-@FIRMWARES
-def test_abort_in_flight_ends_in_the_exit_mode_and_a_new_flight_begins_anew(
-    firmware: tuple[str, ...],
-) -> None:
-    flight, _ = tracking(firmware, "supervisor.engage_max_error_m=100")
-    order(flight, "abort")
-    fly_until(flight, State.ABORTED)
-    aborted_ns = flight.now_ns
-    assert flight.vehicle.mode in NAMES["hold"]
-    flight.run(20.0)
-    assert setpoints_since(flight, aborted_ns) == []
-    assert state_of(flight) is State.ABORTED
-    assert "aborting: the operator aborts" in events_of(flight)
-    order(flight, "engage")
-    fly_until_tracking(flight)
-    flight.run(0.1)
-    assert records_of(flight, Reference, since_ns=aborted_ns + 10**9)[0].trajectory_s == pytest.approx(0.0)
-
-
-@FIRMWARES
-def test_a_hold_over_a_dead_link_falls_silent_and_takes_nothing_back(firmware: tuple[str, ...]) -> None:
-    flight, _ = tracking(firmware)
-    order(flight, "hold")
-    flight.to_guide = flight.to_vehicle = DEAD
-    flight.run(5.0)
-    assert state_of(flight) is not State.TRACKING
-    resumed_ns = flight.now_ns
-    flight.to_guide = flight.to_vehicle = flight.to_guide._replace(loss=0.0)
-    flight.run(20.0)
-    assert setpoints_since(flight, resumed_ns) == []
-    assert state_of(flight) is not State.TRACKING
-
-
-@FIRMWARES
-@pytest.mark.parametrize("name", ["hold", "abort"])
-def test_a_pilot_who_takes_over_on_the_way_to_hold_is_obeyed_with_the_message(
-    firmware: tuple[str, ...], name: str
-) -> None:
-    flight, pilot = tracking(firmware)
-    flight.to_vehicle = DEAD  # the command never arrives
-    order(flight, name)
-    fly_until(flight, State.PAUSING if name == "hold" else State.ABORTING, 0.06)
-    pilot.switch("manual")
-    link = flight.guide.link
-    before = link.custom_mode
-    assert flight.run(0.9, until=lambda: link.custom_mode != before)
-    shown_ns = flight.now_ns
-    assert state_of(flight) is State.HANDED_OVER
-    flight.to_vehicle = flight.to_vehicle._replace(loss=0.0)
-    flight.run(20.0)
-    assert setpoints_since(flight, shown_ns - 1) == []
-    assert flight.vehicle.mode in NAMES["manual"]

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from guidance.notify import RETRY_NS, STATUS_CHARACTERS, Notifier
-from guidance.records import Command, Event, Input, InputKind, Level, Record, Status
+from guidance.records import Answer, Event, InputKind, Level, Record, Status
 from tests.manager_rig import PID, Manager, a_manager
 
 MS: Final = 1_000_000
@@ -28,6 +28,10 @@ def manager() -> Iterator[Manager]:
 def link(up: bool, text: str = "listening on 0.0.0.0:14540 (UDP)") -> Event:
     code = InputKind.LINK_UP if up else InputKind.LINK_DOWN
     return Event(t_ns=0, level=Level.INFO, code=code, text=text)
+
+
+def answer(order: str) -> Answer:
+    return Answer(t_ns=0, order=order, id="", source="SIGTERM", accepted=True, reason="")
 
 
 def status(state: str, reason: str) -> Status:
@@ -86,11 +90,11 @@ def test_status_follows_state_and_reason_and_is_not_repeated(manager: Manager) -
 
 def test_stopping_is_said_when_the_service_is_told_to_stop_and_when_it_fails(manager: Manager) -> None:
     notifier = manager.notifier()
-    notifier.turn([Input(t_ns=0, seq=0, kind=InputKind.COMMAND, text=Command.ENGAGE), *OPEN], 0)
-    notifier.turn([Input(t_ns=0, seq=0, kind=InputKind.DATAGRAM, text="shutdown")], 0)
+    notifier.turn([answer("engage"), *OPEN], 0)
+    notifier.turn([Event(t_ns=0, level=Level.INFO, code="note", text="shutdown")], 0)
     manager.read()
     assert manager.all("STOPPING") == []
-    notifier.turn([Input(t_ns=0, seq=0, kind=InputKind.COMMAND, text=Command.SHUTDOWN)], 0)
+    notifier.turn([answer("shutdown")], 0)
     assert manager.read() == [{"STOPPING": "1"}]
     notifier.failed("a bug")
     assert manager.read() == [{"STOPPING": "1", "STATUS": "a bug"}]

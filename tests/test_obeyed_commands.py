@@ -7,10 +7,10 @@ from typing import Any, Final
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.commands import Engage
 from guidance.engagement import ARMING_SHOWN_S
 from guidance.mavlink.messages import CommandAck
 from guidance.mavlink.profiles import Profile
-from guidance.records import Command
 from guidance.supervisor import Event, State
 from tests.engagement_bench import BOTH, PX4, Bench, S, bench, mode, ways
 from tests.helpers import ROVER, fly_until, make_flight, state_of
@@ -144,7 +144,7 @@ def test_a_pilot_who_disarms_at_once_is_not_overridden(firmware: tuple[str, ...]
 def test_a_pilot_who_switches_back_at_once_is_not_overridden(after_s: float, name: str) -> None:
     flight = make_flight(*PILOT, initially_armed=True)
     fly_until(flight, State.READY)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     fly_until(flight, State.SWITCHING)
     assert flight.run(5.0, until=lambda: flight.vehicle.mode == "OFFBOARD")
     flight.run(after_s)

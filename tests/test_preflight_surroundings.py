@@ -219,6 +219,28 @@ def test_zenoh(overrides: list[str], look: ZenohLook | None, verdict: str, found
     assert bool(finding.todo) == (verdict in ("warn", "fail"))
 
 
+@pytest.mark.parametrize(
+    ("overrides", "who"),
+    [
+        (['zenoh.listen=["tcp/0.0.0.0:7447"]'], "tcp/0.0.0.0:7447"),
+        (['zenoh.connect=["tcp/10.0.0.1:7447"]', 'zenoh.listen=["tcp/127.0.0.1:1"]'], "tcp/10.0.0.1:7447"),
+        (["zenoh.multicast_scouting=true"], "it by multicast"),
+        (['zenoh.listen=["tcp/127.0.0.1:7447"]'], None),
+        (['zenoh.config_file="tls.json5"'], None),
+    ],
+)
+def test_orders_that_a_network_may_give_are_worth_a_word(overrides: list[str], who: str | None) -> None:
+    for commands in (True, False):
+        bench = Bench(*overrides, f"zenoh.commands={str(commands).lower()}")
+        finding = bench.findings(zenoh=ZenohLook("", 1)).get("zenoh orders")
+        if who is None or not commands:
+            assert finding is None
+        else:
+            assert finding is not None
+            assert finding.verdict is Verdict.WARN
+            assert finding.found == f"whoever reaches {who} may engage, retune and stop"
+
+
 def test_the_probe_finds_the_router_and_a_service_that_publishes() -> None:
     where = f"tcp/127.0.0.1:{free_port()}"
     with zenoh.open(zenoh_config(listen=[where])) as session:

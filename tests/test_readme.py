@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -19,10 +20,12 @@ from typer.testing import CliRunner
 import guidance.demo
 import sitl.bench
 from guidance import cli as guidance_cli
+from guidance.commands import read_payload
 from guidance.config import load
 from guidance.demo import CONFIG_FILE, Result
 from guidance.figures import StreamFigures, TrackingFigures
 from guidance.signing_files import read_key
+from guidance.telemetry.zenoh_orders import Reply
 from sitl import cli as sitl_cli
 from sitl.logbook import LogBook
 from tests.helpers import make_config, make_flight
@@ -45,6 +48,7 @@ REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
 CHECKS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance check")]
 WATCHES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance watch")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
+ORDERS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance command")]
 FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
@@ -82,6 +86,7 @@ def test_every_command_is_run_by_a_test_here() -> None:
             *CAMPAIGNS,
             *FUZZ,
             *FOXGLOVE,
+            *ORDERS,
             *ON_THE_VEHICLE,
             *OTHERS,
         ]
@@ -184,6 +189,22 @@ def test_foxglove_is_bridged_to(command: str, monkeypatch: pytest.MonkeyPatch) -
     outcome = CliRunner().invoke(guidance_cli.app, words(command))
     assert outcome.exit_code == 0, outcome.output
     assert shown == [tomllib.loads((ROOT / "deploy" / "px4-uuv.toml").read_text())["vehicle"]["name"]]
+
+
+@pytest.mark.parametrize("command", ORDERS)
+def test_orders_are_understood(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A vehicle obeys them in test_service_process; here nobody is asked."""
+    asked = []
+
+    def ask(vehicle: str, verb: str, fields: dict[str, object], **settings: object) -> Reply:
+        assert vehicle == tomllib.loads((ROOT / "deploy" / "px4-uuv.toml").read_text())["vehicle"]["name"]
+        asked.append(read_payload(verb, json.dumps(fields).encode()))
+        return Reply(accepted=True, reason="")
+
+    monkeypatch.setattr("guidance.ordering.ask", ask)
+    outcome = CliRunner().invoke(guidance_cli.app, words(command))
+    assert outcome.exit_code == 0, outcome.output
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("command", PAPER)

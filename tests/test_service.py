@@ -14,7 +14,8 @@ import uvloop
 from pymavlink.dialects.v20 import all as mavlink
 
 from guidance import shell
-from guidance.records import Command, Packet, State
+from guidance.commands import Engage, Shutdown
+from guidance.records import Packet, State
 from guidance.shell import Shell
 from guidance.telemetry import Sample
 from guidance.transport import Lost
@@ -247,7 +248,7 @@ def test_a_bug_ends_the_service_and_no_packet_follows(where: str, monkeypatch: p
             with pytest.raises(OSError, match="a bug"):
                 await asyncio.wait_for(rig.run, PATIENCE_S)
             count = len(rig.memory.records)
-            rig.shell.command(Command.ENGAGE)
+            rig.shell.command(Engage())
             rig.shell._turn()
             assert len(rig.memory.records) == count
             assert rig.shell.address is None
@@ -294,10 +295,10 @@ def test_a_shutdown_before_anything_is_connected_is_immediate_and_a_second_one_c
     async def main() -> None:
         async with running() as rig:
             await rig.address()
-            rig.shell.command(Command.SHUTDOWN)
+            rig.shell.command(Shutdown())
             assert rig.shell.finished
             count = len(rig.memory.records)
-            rig.shell.command(Command.SHUTDOWN)
+            rig.shell.command(Shutdown())
             assert len(rig.memory.records) == count
 
     asyncio.run(main())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -105,6 +106,41 @@ async def flight(logs: Path, *overrides: str, **options: Any) -> AsyncIterator[t
 def refuses_to_leave(message: Any) -> bool:
     """The vehicle does not hear that it shall leave OFFBOARD."""
     return bool(message.get_type() == COMMAND and message.command == DO_SET_MODE and message.param2 != 6)
+
+
+def test_a_flight_is_commanded_from_another_process(tmp_path: Path) -> None:
+    async def run() -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+        async def command(*words: str) -> tuple[int | None, str]:
+            line = [sys.executable, "-m", "guidance", "command", "demo", *words, "--connect", endpoint]
+            child = await asyncio.create_subprocess_exec(
+                *line, "--seconds", str(PATIENCE_S), stdout=subprocess.PIPE
+            )
+            said, _ = await asyncio.wait_for(child.communicate(), PATIENCE_S)
+            return child.returncode, said.decode()
+
+        enabled = (f'zenoh.listen=["{endpoint}"]', "zenoh.commands=true", "supervisor.engage=pilot")
+        async with flight(tmp_path, *enabled) as (service, vehicle):
+            await service.says("ready: ")
+            assert await command("resume") == (
+                1,
+                "resume refused: ready: nothing is held\n",
+            )
+            assert await command("engage") == (0, "engage accepted\n")
+            await service.says("tracking: ")
+            assert await command("set", "law.k=0.5") == (0, "set accepted: law.k: 1.0 -> 0.5\n")
+            assert await command("hold") == (0, "hold accepted\n")
+            await service.says("holding: ")
+            assert vehicle.vehicle.mode == "AUTO.LOITER"
+            assert await command("shutdown") == (0, "shutdown accepted\n")
+            assert await asyncio.wait_for(service.process.wait(), PATIENCE_S) == 0
+            found = replay(service.log())
+            assert found.identical, found
+
+    asyncio.run(run())
 
 
 def test_sigusr1_engages_and_sigterm_leaves_with_fresh_setpoints_and_a_whole_log(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from guidance.records import Command
+from guidance.commands import Engage, Shutdown
 from guidance.supervisor import State
 from tests.helpers import (
     PERFECT,
@@ -48,7 +48,7 @@ def test_after_a_hand_over_only_a_command_or_a_fresh_switch_engages_again(firmwa
     pilot.switch("hold")
     flight.run(20.0)
     assert state_of(flight) is State.HANDED_OVER
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     fly_until_tracking(flight, 1.5)
     if firmware is ROVER:
         pilot.switch("hold")
@@ -85,7 +85,7 @@ def test_a_longer_gap_hands_over_and_the_resumed_link_does_not_take_control(
         assert flight.vehicle.mode == "POSCTL"  # where one setpoint would have taken control again
     pilot.arm(False)
     assert silent_for(flight, 12.0)
-    flight.guide.command(Command.ENGAGE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     fly_until_tracking(flight, 3.0)
 
 
@@ -117,7 +117,7 @@ def test_shutdown_streams_on_while_the_exit_mode_is_commanded(firmware: tuple[st
     if not obeys:
         flight.vehicle._pilot.select_mode = lambda custom_mode: 4  # type: ignore[method-assign]
     stopped_ns = flight.now_ns
-    flight.guide.command(Command.SHUTDOWN, stopped_ns)
+    flight.guide.command(Shutdown(), stopped_ns)
     assert flight.run(2.0, until=lambda: flight.guide.finished)
     took_s = (flight.now_ns - stopped_ns) / S
     setpoints = setpoints_since(flight, stopped_ns)
@@ -142,7 +142,7 @@ def test_shutdown_while_waiting_for_arming_never_moves_the_vehicle(firmware: tup
     fly_until(flight, State.ARMING, 1.0)
     start = flight.truth().position_ned_m
     pilot.arm()
-    flight.guide.command(Command.SHUTDOWN, flight.now_ns)
+    flight.guide.command(Shutdown(), flight.now_ns)
     assert flight.run(2.0, until=lambda: flight.guide.finished)
     assert flight.truth().position_ned_m == start
     assert flight.vehicle.mode in NAMES["hold"]

@@ -1,12 +1,18 @@
-"""Who else is heard on the link: ground stations, radios, other vehicles. None of them is obeyed."""
+"""Who else is heard on the link: ground stations, radios, other vehicles.
+
+None of them is obeyed by what it says to the autopilot. What those who may command this component say to it
+is kept in `asked` for `guidance.ground`.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.mavlink.asking import asks
 from guidance.mavlink.codec import Frame
 from guidance.mavlink.interference import order_of
 from guidance.mavlink.messages import DECODERS, Heartbeat
@@ -27,11 +33,15 @@ _RADIO_COMPONENTS: Final = (
 class Company:
     """Every sender but the autopilot of `system`: `frames` counts their good frames.
 
-    `component` is ours: what is addressed to it is no order to the autopilot.
+    `component` is ours: what is addressed to it is no order to the autopilot. `asked` are the frames that
+    systems of `commands_from` addressed to it, not looked at yet; those of others are only counted.
     """
 
     def __init__(self, system: int, component: int) -> None:
         self.frames = 0
+        self.commands_from: frozenset[int] = frozenset()
+        self.asked: list[Frame] = []
+        self.counters: Counter[str] = Counter()
         self._own = (system, component)
         self._roles: dict[tuple[int, int], str] = {}
         self._orders: dict[tuple[int, int], str] = {}
@@ -57,6 +67,11 @@ class Company:
         if not believed:
             return order is not None
         self.frames += 1
+        if asks(frame, *self._own):
+            if frame.system in self.commands_from:
+                self.asked.append(frame)
+            else:
+                self.counters["asks_not_heeded"] += 1
         role = _ROLES.get(frame.message_id)
         if role is not None and (sender in self._roles or len(self._roles) < _KNOWN_MAX):
             self._roles[sender] = role(frame)

@@ -10,15 +10,24 @@ from guidance.mavlink.codec import PacketWriter
 from guidance.mavlink.profiles import command_long
 from guidance.mavlink.signing import Signing
 
+#: A refusal says why in so many texts of 50 bytes at most.
+TEXT_PARTS: Final = 4
+_MAVLINK_VERSION: Final = 3
+_TEXT_BYTES: Final = 50
 #: This component, as other MAVLink nodes see it.
 COMPONENT_ID: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 
 
 class Outbox:
-    """Packets that wait for the transport, from `system` (the autopilot's and ours) to its `component`."""
+    """Packets that wait for the transport, from `system` (the autopilot's and ours) to its `component`.
+
+    `shown` is what HEARTBEAT says of us: custom_mode and system_status.
+    """
 
     def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
         self.bytes_sent = 0
+        self.shown = (0, dialect.MAV_STATE_STANDBY)
+        self._text_id = 0
         self._to = (system, component)
         self._signing = signing
         self._writer = PacketWriter(system, COMPONENT_ID)
@@ -39,8 +48,13 @@ class Outbox:
 
     def heartbeat(self) -> None:
         """Queue HEARTBEAT (0) of a companion computer."""
-        kind, state = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
-        self.send(dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3))
+        mode, status = self.shown
+        kind, flags = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        self.send(
+            dialect.MAVLink_heartbeat_message(
+                kind, dialect.MAV_AUTOPILOT_INVALID, flags, mode, status, _MAVLINK_VERSION
+            )
+        )
 
     def command(self, command: int, *params: float) -> None:
         """Queue COMMAND_LONG (76) to the autopilot."""
@@ -48,4 +62,17 @@ class Outbox:
 
     def status_text(self, severity: int, text: str) -> None:
         """Queue STATUSTEXT (253), cut to its 50 bytes."""
-        self.send(dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))
+        self.send(dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:_TEXT_BYTES]))
+
+    def long_text(self, severity: int, text: str) -> None:
+        """Queue a text in up to `TEXT_PARTS` STATUSTEXTs, which receivers put together by their id."""
+        data = text.encode("ascii", "replace")[: TEXT_PARTS * _TEXT_BYTES]
+        if len(data) <= _TEXT_BYTES:
+            self.status_text(severity, text)
+            return
+        self._text_id = self._text_id % 0xFFFF + 1  # 0 is for texts of one part
+        for number, start in enumerate(range(0, len(data), _TEXT_BYTES)):
+            part = data[start : start + _TEXT_BYTES]
+            self.send(dialect.MAVLink_statustext_message(severity, part, self._text_id, number))
+        if len(data) % _TEXT_BYTES == 0:  # a part that is full says that another follows
+            self.send(dialect.MAVLink_statustext_message(severity, b"", self._text_id, number + 1))

@@ -33,7 +33,7 @@ def link_record(link: AutopilotLink, now_ns: int) -> Link:
         clock_offset_ns=link.clock.offset_ns(now_ns) if known else None,
         clock_drift_ppm=link.clock.drift_ppm if known else None,
         streams=link.streams.status(now_ns),
-        counters={**link.reader.counters, **link.counters},
+        counters={**link.reader.counters, **link.counters, **link.company.counters},
     )
 
 

@@ -44,6 +44,14 @@ def telemetry(seen: Seen) -> Iterator[Finding]:
         yield warn("zenoh", f"nobody found by {where}", "is anybody there who listens?")
     else:
         yield skip("zenoh", "nowhere to connect to or to listen")
+    open_to = [place for place in (*settings.connect, *settings.listen) if "/127.0.0.1:" not in place]
+    if settings.enabled and settings.commands and (open_to or settings.multicast_scouting):
+        yield warn(
+            "zenoh orders",
+            f"whoever reaches {', '.join(open_to) or 'it by multicast'} may engage, retune and stop",
+            "zenoh.listen on 127.0.0.1 only, TLS and access control by zenoh.config_file, or "
+            "zenoh.commands = false",
+        )
 
 
 def log(seen: Seen) -> Iterator[Finding]:

@@ -17,6 +17,7 @@ from guidance.telemetry.log_keeper import Keeper
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.recorder import Recorder, Rotation
 from guidance.telemetry.worker import Sink
+from guidance.telemetry.zenoh_orders import HandOver
 from guidance.telemetry.zenoh_sink import ZenohSink
 
 _NUMBERS: Final = re.compile(r"\d+(\.\d+)?")
@@ -41,6 +42,12 @@ class Sinks:
             sample = Sample(TOPICS[type(record)], record.t_ns, self._encode(record))
             for sink in self._sinks.values():
                 sink.offer(sample)
+
+    def orders_to(self, hand_over: HandOver) -> None:
+        """Whom orders are handed to that come by a sink; before the start."""
+        for sink in self._sinks.values():
+            if isinstance(sink, ZenohSink):
+                sink.orders_to(hand_over)
 
     @property
     def dropped(self) -> int:
@@ -105,6 +112,7 @@ def configured_sinks(config: Config, session: Session) -> dict[str, Sink]:
                 listen=zenoh.listen,
                 multicast_scouting=zenoh.multicast_scouting,
                 config_file=Path(zenoh.config_file) if zenoh.config_file else None,
+                commands=zenoh.commands,
             )
         except ValueError as error:
             raise ConfigError(str(error)) from None

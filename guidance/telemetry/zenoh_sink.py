@@ -8,6 +8,7 @@ restores a lost connection of a session that lives.
 Keys:
     guidance/<vehicle>/<topic>  publications, and the last record of each topic in answer to a query
     guidance/<vehicle>/alive    liveliness token: there while the service is connected
+    guidance/<vehicle>/command/<verb>  an order, as a query: see `zenoh_orders`
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ from typing import ClassVar, Final, Literal, Protocol
 
 import zenoh
 
-from guidance.records import LOG_ONLY, TOPICS, Event, Session, Status
+from guidance.records import LOG_ONLY, TOPICS, Answer, Event, Session, Status
 from guidance.telemetry.arrivals import VEHICLE
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.schema import RECORDS, encoding_schema
 from guidance.telemetry.worker import ThreadedSink
+from guidance.telemetry.zenoh_orders import HandOver, OrderQueries
 
 Mode = Literal["peer", "client"]
 
@@ -35,7 +37,8 @@ LAST_RETRY_S: Final = 10.0
 _LOOK_NS: Final = 1_000_000_000  # between looks at the state of the session
 _WAITING_QUERIES: Final = 64
 #: Rare and telling: these overtake the streams when the link is congested.
-_URGENT: Final = frozenset({TOPICS[Session], TOPICS[Status], TOPICS[Event]})
+_URGENT: Final = frozenset({TOPICS[Session], TOPICS[Status], TOPICS[Event], TOPICS[Answer]})
+_ANSWERS: Final = TOPICS[Answer]
 #: Protocols whose address ends with a port. Zenoh takes one without and tries it for ever.
 _PORTLESS: Final = re.compile(r"(tcp|udp|tls|quic|ws)/(?![^?#]*:\d{1,5}([?#]|$))")
 
@@ -94,6 +97,7 @@ class ZenohSink(ThreadedSink):
         listen: endpoints to listen on.
         multicast_scouting: look for peers and routers on the local network.
         config_file: a zenoh configuration (json5) in place of the four settings above.
+        commands: whether orders are handed over; if not, they are refused.
         capacity: samples that may wait while zenoh is opened or busy (at 300 a second: some 7 s).
         capacity_bytes: bytes of payload that may wait.
 
@@ -114,6 +118,7 @@ class ZenohSink(ThreadedSink):
         listen: Sequence[str] = (),
         multicast_scouting: bool = False,
         config_file: Path | None = None,
+        commands: bool = False,
         capacity: int = 2_000,
         capacity_bytes: int = 4 << 20,
         open_session: Callable[[zenoh.Config], zenoh.Session] = zenoh.open,
@@ -138,6 +143,7 @@ class ZenohSink(ThreadedSink):
         self._expects_neighbours = config_file is None and bool(connect)
         self._where = ", ".join(connect) or "its configured endpoints"
         self._open_session = open_session
+        self._orders = OrderQueries(f"{self._root}/command/", enabled=commands, clock_ns=clock_ns)
         # Of the worker's thread only.
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -152,6 +158,10 @@ class ZenohSink(ThreadedSink):
     def liveliness_key(self) -> str:
         """Key of the liveliness token."""
         return f"{self._root}/alive"
+
+    def orders_to(self, hand_over: HandOver) -> None:
+        """Whom orders are handed to, before the start; called in the sink's thread."""
+        self._orders.hand_over = hand_over
 
     def offer(self, sample: Sample) -> None:
         """Take `sample` unless only the log gets it; never blocks, never raises, O(1)."""
@@ -196,6 +206,7 @@ class ZenohSink(ThreadedSink):
         session, self._session = self._session, None
         self._publishers.clear()
         self._queryable = self._token = None
+        self._orders.forget()
         if session is not None:
             close_quietly(session)
 
@@ -207,6 +218,8 @@ class ZenohSink(ThreadedSink):
             return
         try:
             publisher.put(sample.payload)
+            if sample.topic == _ANSWERS:
+                self._orders.answered(sample.payload)
         except zenoh.ZError as error:
             self._discarded += 1
             self._abandon(f"cannot publish: {brief(error)}")
@@ -216,6 +229,7 @@ class ZenohSink(ThreadedSink):
             return
         try:
             self._answer_queries()
+            self._orders.expire()
             if self._clock_ns() >= self._look_ns:
                 self._look_ns = self._clock_ns() + _LOOK_NS
                 self._look(self._session)
@@ -228,6 +242,8 @@ class ZenohSink(ThreadedSink):
             query = self._queryable.try_recv()
             if query is None:
                 return
+            if self._orders.take(query):
+                continue
             with query:
                 for topic, payload in self._last.items():
                     key = zenoh.KeyExpr(f"{self._root}/{topic}")
@@ -249,6 +265,7 @@ class ZenohSink(ThreadedSink):
         if session is None:
             return False
         self._answer_queries()
+        self._orders.finish()
         close_quietly(session)
         return True
 

@@ -9,9 +9,10 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 import guidance
+from guidance.commands import Engage, Shutdown
 from guidance.config import Config, load
 from guidance.mavlink.profiles import Profile
-from guidance.records import Command, Event, Level, Record
+from guidance.records import Event, Level, Record
 from guidance.se3 import Vec3, add, norm, subtract
 from guidance.supervisor import State
 from guidance.trajectory import sample
@@ -186,11 +187,11 @@ class Flight:
     def engage(self) -> None:
         """The operator commands to engage."""
         self.witness.permit(self.line.now_ns)
-        self.line.guide.command(Command.ENGAGE, self.line.now_ns)
+        self.line.guide.command(Engage(), self.line.now_ns)
 
     def shut_down(self) -> None:
         """The operator stops the service."""
-        self.line.guide.command(Command.SHUTDOWN, self.line.now_ns)
+        self.line.guide.command(Shutdown(), self.line.now_ns)
 
     def kill_and_restart(self) -> None:
         """The process is killed, and another one starts."""

@@ -87,6 +87,7 @@ class FuzzedFlight:
         settings = [*stage.settings, f"link.connection={dice.choice(_LINES)}"]
         settings += _ROVER if rover else ("supervisor.arm=true",)
         settings += (SIGNED,) * self.signed
+        settings += ("link.commands_from=[1, 255]",) * dice.chance(0.3)
         if not rover and dice.chance(0.4):
             settings += [*_NARROW, f"trajectory={{name={dice.choice(_TRAJECTORIES)!r}, speed_m_s=1.0}}"]
         config = configuration(*settings)
@@ -145,7 +146,9 @@ class FuzzedFlight:
 
     def order(self, dice: Dice) -> str:
         """The operator orders something, now; its name."""
+        self.flight.inject(b"")  # what was sent before it is judged by what held before it
         name = order(self.flight.guide, self.flight.now_ns, dice)
+        self.flight.inject(b"")
         self.flight.tick()
         return name
 

@@ -11,7 +11,7 @@ import msgspec
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.core import Guide
-from guidance.records import TOPICS, Packet, Record
+from guidance.records import TOPICS, Answer, Packet, Record
 from guidance.supervisor import SETPOINTS, Setpoints
 from sitl.fuzzing.sizes import longest
 
@@ -39,7 +39,11 @@ class Oracle:
         self._digest = hashlib.sha256()
         self._encode = msgspec.json.Encoder().encode
         self._mav = dialect.MAVLink(None)
-        config = guide.config
+        self._follow()
+
+    def _follow(self) -> None:
+        """The limits as they are now: an order may have set another."""
+        config = self.guide.config
         limits, full_m_s = config.limits, config.vehicle.speed_at_full_thrust_m_s
         rates = (limits.roll_rate_max_rad_s, limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
         speeds = (limits.speed_min_m_s / full_m_s, limits.speed_max_m_s / full_m_s)
@@ -54,6 +58,8 @@ class Oracle:
             raise Broken(f"a record cannot be read back: {line.decode()}")
         if isinstance(record, Packet):
             self._packet(record.data)
+        elif isinstance(record, Answer):
+            self._follow()
 
     def finish(self) -> bytes:
         """At the end: memory; the digest of all that was recorded."""

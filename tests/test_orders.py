@@ -1,0 +1,324 @@
+"""Every order in every state: obeyed, or refused with the reason; once, told, and the same in a replay."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pytest
+
+from guidance.changing import settings
+from guidance.commands import (
+    Abort,
+    Allocate,
+    Engage,
+    Hold,
+    LoadTrajectory,
+    Order,
+    Resume,
+    Scalar,
+    Set,
+    Shutdown,
+    text_of,
+    verb_of,
+)
+from guidance.core import Guide
+from guidance.orders import ANSWERS_KEPT, Orders
+from guidance.records import Answer, Event, Input, InputKind, Level, Record, Setpoint, Status
+from guidance.replay import replay
+from guidance.supervisor import State
+from guidance.tracker import Tracker
+from guidance.trajectory import Circle
+from sitl.logbook import LogBook
+from tests.engagement_bench import PX4, Bench, bench
+from tests.helpers import (
+    events_of,
+    fly_until,
+    fly_until_tracking,
+    make_config,
+    make_flight,
+    records_of,
+    state_of,
+)
+
+CIRCLE = LoadTrajectory(trajectory={"name": "circle", "radius_m": 4})
+ENGAGING = {State.STREAMING, State.SWITCHING, State.ARMING}
+ALREADY = {
+    Engage: ENGAGING | {State.TRACKING},
+    Hold: {State.PAUSING, State.HOLDING},
+    Resume: ENGAGING | {State.TRACKING},
+    Abort: {State.CANCELLING, State.ABORTING, State.ABORTED},
+}
+OUT_OF_CONTROL = {
+    State.DISCONNECTED,
+    State.CONNECTED,
+    State.WITHHELD,
+    State.READY,
+    State.HANDED_OVER,
+    State.ABORTED,
+}
+
+
+def desk(state: State, *overrides: str) -> tuple[Orders, Tracker, Bench]:
+    """Orders to an engagement that is put into a state."""
+    config = make_config(*overrides)
+    tracker, it = Tracker(config, PX4), bench(PX4)
+    it.it.state = state
+    return Orders(config, it.it, tracker), tracker, it
+
+
+def order(orders: Orders, given: Order, now_ns: int = 1) -> Answer:
+    """The answer, which the event agrees with."""
+    event, answer = orders.carry_out(given, now_ns)
+    assert (answer.order, answer.id, answer.source) == (verb_of(given), given.id, given.source)
+    if not answer.repeated:
+        assert event is not None
+        assert event.level is (Level.NOTICE if answer.accepted else Level.WARNING)
+        assert event.code.endswith("refused") is not answer.accepted
+    assert answer.accepted or answer.reason
+    return answer
+
+
+@pytest.mark.parametrize("state", State)
+def test_gains_limits_and_allocations_are_taken_in_every_state(state: State) -> None:
+    orders, tracker, _ = desk(state)
+    assert order(orders, Set(key="law.k", value=0.5)).reason == "law.k: 1.0 -> 0.5"
+    assert order(orders, Set(key="limits.acceleration_max_m_s2", value=2)).reason == (
+        "limits.acceleration_max_m_s2: no limit -> 2.0"
+    )
+    assert tracker._parameters.gains.k == 0.5
+    assert tracker._parameters.limits.acceleration_m_s2 == 2.0
+    assert order(orders, Allocate(allocation="roll-yaw")).accepted
+    assert tracker.allocation == "roll-yaw"
+    refused = order(orders, Set(key="law.k", value=60))
+    assert not refused.accepted
+    assert "must be below 1 to be stable" in refused.reason
+    assert orders.config.law.k == tracker._parameters.gains.k == 0.5  # the old one
+
+
+@pytest.mark.parametrize("state", State)
+def test_a_trajectory_is_loaded_only_out_of_control(state: State) -> None:
+    orders, tracker, _ = desk(state)
+    answer = order(orders, CIRCLE)
+    assert answer.accepted is (state in OUT_OF_CONTROL)
+    if answer.accepted:
+        assert tracker._trajectory == orders.config.trajectory == Circle(radius_m=4.0)
+        assert order(orders, CIRCLE).reason == "already loaded"
+    else:
+        assert answer.reason == (
+            f"a trajectory is loaded only while the service has no control, and it is {state}"
+        )
+        assert tracker._trajectory == orders.config.trajectory == make_config().trajectory
+
+
+@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("given", [Engage(), Hold(), Resume(), Abort()], ids=verb_of)
+def test_a_manoeuvre_is_answered_as_the_supervisor_takes_it(state: State, given: Order) -> None:
+    orders, _, it = desk(state)
+    answer = order(orders, given)
+    same = bench(PX4).it
+    same.state = state
+    refused = getattr(same, verb_of(given))(1)
+    if state in ALREADY[type(given)]:
+        assert answer.accepted
+        assert answer.reason == f"already {state}"
+    else:
+        assert answer.accepted is (refused is None)
+        assert answer.reason == (refused or "").removeprefix(f"{verb_of(given)} refused: ")
+    assert it.state() is state  # what follows, follows from the next look
+    assert order(orders, Shutdown()).accepted
+    late = order(orders, given)
+    assert not late.accepted
+    assert "the service is shutting down" in late.reason
+
+
+def test_one_id_is_obeyed_once_and_answered_the_same() -> None:
+    orders, _, _ = desk(State.TRACKING)
+    faster = Set(id="7", source="zenoh ada", key="law.k", value=0.5)
+    first = order(orders, faster)
+    assert order(orders, Set(key="law.k", value=2)).accepted
+    event, again = orders.carry_out(faster, 9)
+    assert event is None
+    assert (again.accepted, again.reason, again.repeated, again.t_ns) == (True, first.reason, True, 9)
+    assert orders.config.law.k == 2.0
+    # Of somebody else the same id is another order.
+    assert not order(orders, Set(id="7", source="zenoh bob", key="law.k", value=0.6)).repeated
+    # A refusal is kept as well.
+    bad = Set(id="8", key="law.k", value=-1)
+    assert order(orders, bad).reason == order(orders, bad).reason
+    # Without an id, the same twice is the same already.
+    assert order(orders, Set(key="law.k", value=0.6)).reason == "law.k = 0.6 already"
+
+
+def test_so_many_answers_are_kept_and_no_more() -> None:
+    orders, _, _ = desk(State.READY)
+    for number in range(3 * ANSWERS_KEPT):
+        order(orders, Set(id=str(number), key="law.k", value=0.5))
+    assert len(orders._answers) == ANSWERS_KEPT
+    assert order(orders, Set(id=str(3 * ANSWERS_KEPT - 1), key="law.k", value=0.5)).repeated
+
+
+def test_limits_leave_the_allocation_that_is_flown_its_rates() -> None:
+    orders, _, _ = desk(State.TRACKING)
+    order(orders, Allocate(allocation="roll-yaw"))
+    answer = order(orders, Set(key="limits.roll_rate_max_rad_s", value=0))
+    assert answer.reason == "limits.roll_rate_max_rad_s = 0 leaves roll-yaw without that rate"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "engage", "{}", '{"order": "fly"}', "[" * 5000, '{"order": "set", "key": 1}']
+)
+def test_an_input_that_is_no_order_is_answered_and_harms_nothing(text: str) -> None:
+    guide = Guide(make_config())
+    guide.handle(Input(t_ns=1, seq=0, kind=InputKind.COMMAND, text=text))
+    told = [record for record in guide.records() if isinstance(record, Answer | Event)]
+    assert [type(record) for record in told] == [Event, Answer]
+    assert isinstance(told[1], Answer)
+    assert not told[1].accepted
+    assert told[1].reason.startswith("not an order: ")
+
+
+def test_what_is_set_holds_from_the_next_setpoint_on_and_is_told() -> None:
+    flight = make_flight()
+    fly_until_tracking(flight)
+    flight.run(20.0)
+    flight.guide.command(Set(source="zenoh ada", key="limits.speed_max_m_s", value=0.2), flight.now_ns)
+    set_ns = flight.now_ns
+    flight.run(1.0)
+    after = [s for s in records_of(flight, Setpoint) if s.t_ns > set_ns]
+    assert len(after) >= 49
+    assert max(s.speed_m_s for s in after) <= 0.2
+    assert events_of(flight, "set") == ["limits.speed_max_m_s: 5.0 -> 0.2 (by zenoh ada)"]
+    assert flight.guide.config.limits.speed_max_m_s == 0.2
+    assert state_of(flight) is State.TRACKING
+
+
+def test_a_loaded_trajectory_is_flown_and_none_is_loaded_while_tracking() -> None:
+    flight = make_flight("supervisor.engage=pilot")
+    fly_until(flight, State.READY)
+    flight.guide.command(CIRCLE, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
+    fly_until_tracking(flight)
+    flight.guide.command(LoadTrajectory(trajectory={"name": "line"}), flight.now_ns)
+    flight.run(40.0)
+    assert [a.accepted for a in records_of(flight, Answer)] == [True, True, False]
+    assert flight.guide.config.trajectory == Circle(radius_m=4.0)
+    x, y, _ = flight.truth().position_ned_m
+    assert (x**2 + y**2) ** 0.5 == pytest.approx(4.0, abs=0.05)
+
+
+def test_a_flight_with_orders_replays_to_the_bit(tmp_path: Path) -> None:
+    config = make_config("supervisor.engage=pilot")
+    flight = make_flight(config=config)
+    with LogBook(config, tmp_path) as book:
+        flight.on_record = book.add
+        for wait_s, given in (
+            (1.0, CIRCLE),
+            (0.5, Set(id="1", key="law.rho2_per_s", value=5)),
+            (0.1, Engage(id="2", source="SIGUSR1")),
+            (0.0, Engage(id="2", source="SIGUSR1")),
+            (3.0, Set(key="limits.yaw_rate_max_rad_s", value=1.5)),
+            (0.0, Set(key="limits.yaw_rate_max_rad_s", value=1e9)),
+            (0.0, Allocate(allocation="roll-yaw")),
+            (1.0, LoadTrajectory(trajectory={"name": "line"})),
+            (1.0, Shutdown()),
+        ):
+            flight.run(wait_s)
+            flight.guide.command(given, flight.now_ns)
+        flight.run(2.0)
+    found = replay(book.path)
+    assert found.identical, found
+    assert found.tracked > 100
+
+
+def test_status_is_told_at_once_after_an_order() -> None:
+    flight = make_flight()
+    fly_until_tracking(flight)
+    flight.run(0.35)
+    now_ns = flight.now_ns
+    flight.guide.command(Allocate(allocation="roll-yaw"), now_ns)
+    flight.run(0.021)
+    assert records_of(flight, Status, now_ns)[0].allocation == "roll-yaw"
+
+
+def test_an_order_is_a_text_that_a_log_can_hold() -> None:
+    assert text_of(Set(key="law.k", value=0.5)) == '{"order":"set","key":"law.k","value":0.5}'
+
+
+def test_the_guards_go_by_what_is_set_and_loaded() -> None:
+    """A limit that is raised is no limit of the old height, and a loaded trajectory is held to the fence."""
+    flight = make_flight("limits.speed_max_m_s=1")
+    fly_until_tracking(flight)
+    flight.run(2.0)
+    set_ns = flight.now_ns
+    flight.guide.command(Set(key="limits.speed_max_m_s", value=5), set_ns)
+    flight.run(3.0)
+    assert state_of(flight) is State.TRACKING, flight.guide.engagement.reason
+    assert max(s.speed_m_s for s in records_of(flight, Setpoint, set_ns)) > 2.0
+
+    fence = "guards.fence_ned_m=[[-50, -50], [-50, 50], [50, 50], [50, -50]]"
+    flight = make_flight("supervisor.engage=pilot", "flight.origin=engage", fence)
+    fly_until(flight, State.READY)
+    far: dict[str, Scalar] = {"name": "circle", "radius_m": 70}
+    flight.guide.command(LoadTrajectory(trajectory=far), flight.now_ns)
+    fly_until(flight, State.CONNECTED)
+    assert flight.guide.engagement.reason.startswith("fence")
+
+
+def test_no_setpoint_is_ever_outside_the_limits_of_its_instant() -> None:
+    """Whatever is set in flight, in whatever order; refused values change nothing."""
+    dice = random.Random(7)
+    flight = make_flight("limits.acceleration_max_m_s2=2", "limits.yaw_acceleration_max_rad_s2=20")
+    outside: list[object] = []
+
+    def judge(record: Record) -> None:
+        flight.records.append(record)
+        if isinstance(record, Setpoint):
+            limits = flight.guide.config.limits
+            rates = (limits.roll_rate_max_rad_s, limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
+            turns = zip(record.body_rates_frd_rad_s, rates, strict=True)
+            slow = limits.speed_min_m_s <= record.speed_m_s <= limits.speed_max_m_s
+            if not slow or any(abs(rate) > most for rate, most in turns):
+                outside.append((record, limits))
+
+    flight.on_record = judge
+    fly_until_tracking(flight)
+    keys = [key for key in settings(flight.guide.config) if key != "limits.keep_direction"]
+    for _ in range(150):
+        value = dice.choice([dice.uniform(-6.0, 6.0), dice.uniform(0.2, 6.0), dice.uniform(0.0, 0.3)])
+        flight.guide.command(Set(key=dice.choice(keys), value=value), flight.now_ns)
+        flight.run(0.1)
+    taken = [answer.accepted for answer in records_of(flight, Answer)]
+    assert 40 < sum(taken) < 140
+    assert len(records_of(flight, Setpoint)) > 500
+    assert outside == []
+
+
+README = Path(__file__).parent.parent / "README.md"
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("engage", Engage()),
+        ("hold", Hold()),
+        ("resume", Resume()),
+        ("abort", Abort()),
+        ("load a trajectory", CIRCLE),
+        ("set a gain or limit", Set(key="law.k", value=0.5)),
+        ("allocate", Allocate(allocation="roll-yaw")),
+        ("shut down", Shutdown()),
+    ],
+)
+def test_the_readme_says_in_which_states_each_is_accepted(name: str, given: Order) -> None:
+    """And whether it is so already there."""
+    (line,) = [line for line in README.read_text().splitlines() if line.startswith(f"| {name} | `")]
+    fresh: set[str] = set()
+    already: set[str] = set()
+    for state in State:
+        answer = order(desk(state)[0], given)
+        if answer.accepted:
+            (already if answer.reason.startswith("already") else fresh).add(state)
+    said, _, said_already = line.rpartition(" | ")[2].removesuffix(" |").partition("; already so: ")
+    assert said == "every state" if len(fresh) == len(State) else set(said.split(", ")) == fresh
+    assert set(filter(None, said_already.split(", "))) == already

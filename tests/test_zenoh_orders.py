@@ -1,0 +1,324 @@
+"""Orders over zenoh: a real session against the real sink and shell, and the waiting desk by itself."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import msgspec
+import pytest
+import zenoh
+from msgspec.structs import replace
+from typer.testing import CliRunner
+
+from guidance import ordering
+from guidance.cli import app
+from guidance.commands import Engage, Order
+from guidance.ordering import NoAnswerError, ask, fields_of
+from guidance.records import Answer
+from guidance.shell import Shell
+from guidance.telemetry import zenoh_orders
+from guidance.telemetry.zenoh_orders import ANSWER_NS, OBEY_NS, WAITING_MAX, OrderQueries, Reply
+from guidance.telemetry.zenoh_sink import ZenohSink, zenoh_config
+from tests.service_rig import PATIENCE_S, running
+
+S = 1_000_000_000
+
+
+@pytest.fixture(name="endpoint")
+def a_free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+# End to end ------------------------------------------------------------------------------------------
+
+
+def get(session: zenoh.Session, key: str, payload: bytes = b"") -> list[dict[str, Any]]:
+    """The answers to one query."""
+    return [
+        json.loads(reply.ok.payload.to_bytes())
+        for reply in session.get(key, payload=payload, timeout=PATIENCE_S)
+        if reply.ok is not None
+    ]
+
+
+def test_orders_by_a_real_session_are_answered_by_the_control_loop(endpoint: str) -> None:
+    def station() -> None:
+        """Blocking calls, in a thread of its own."""
+
+        def order(verb: str, **fields: Any) -> Reply:
+            return ask("demo", verb, fields, connect=[endpoint], seconds=PATIENCE_S)
+
+        refused = order("engage")
+        assert not refused.accepted
+        assert refused.reason.startswith("disconnected: ")
+        tuned = order("set", id="7", source="ada", key="law.k", value=0.5)
+        assert tuned == Reply(accepted=True, reason="law.k: 1.0 -> 0.5", id="7")
+        again = order("set", id="7", source="ada", key="law.k", value=0.5)
+        assert again == Reply(accepted=True, reason="law.k: 1.0 -> 0.5", id="7", repeated=True)
+        with zenoh.open(zenoh_config(connect=[endpoint])) as session:
+            while not (answers := get(session, "guidance/demo/command/engage", b"now")):
+                continue
+            (malformed,) = answers
+            assert not malformed["accepted"]
+            assert malformed["reason"].startswith("the payload must be a JSON object")
+            assert "there is no order 'fly'" in get(session, "guidance/demo/command/fly")[0]["reason"]
+            # Nobody is ordered by a pattern.
+            assert get(session, "guidance/*/command/engage") == []
+            assert "name one order" in get(session, "guidance/demo/command/*")[0]["reason"]
+            assert get(session, "guidance/demo/answers")[0]["id"] == "7"
+
+    async def serve() -> None:
+        sink = ZenohSink("demo", listen=[endpoint], commands=True)
+        async with running(others={"zenoh": sink}) as rig:
+            sink.orders_to(rig.shell.hand_over)
+            sink.start()
+            await asyncio.get_running_loop().run_in_executor(None, station)
+            answers = [r for r in rig.memory.records if isinstance(r, Answer)]
+            assert [(a.order, a.accepted, a.repeated) for a in answers] == [
+                ("engage", False, False),
+                ("set", True, False),
+                ("set", True, True),
+            ]
+            assert {a.source.split()[0] for a in answers} == {"zenoh"}
+            sink.close(PATIENCE_S)
+
+    asyncio.run(serve())
+
+
+@pytest.mark.parametrize(
+    ("ends", "why"), [(False, "the control loop did not answer within 0.1 s"), (True, "the service ends")]
+)
+def test_a_loop_that_does_not_answer_leaves_nobody_waiting(
+    endpoint: str, ends: bool, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not ends:
+        monkeypatch.setattr(zenoh_orders, "ANSWER_NS", 100_000_000)
+    handed = threading.Event()
+    sink = ZenohSink("demo", listen=[endpoint], commands=True)
+    sink.orders_to(lambda order, until_ns: handed.set())
+    sink.start()
+    with ThreadPoolExecutor() as pool:
+        reply = pool.submit(ask, "demo", "hold", {}, connect=[endpoint], seconds=PATIENCE_S)
+        assert handed.wait(PATIENCE_S)
+        if ends:
+            assert sink.close(PATIENCE_S)
+        assert reply.result(PATIENCE_S).reason.startswith(why)
+    assert sink.close(PATIENCE_S)
+
+
+def test_the_command_line_orders_and_says_what_became_of_it(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against a service that takes no orders: an answer too, status 1. Where nobody is: status 2."""
+    handed: list[Order] = []
+    sink = ZenohSink("uuv-1", listen=[endpoint])
+    sink.orders_to(lambda order, until_ns: handed.append(order))
+    sink.start()
+    try:
+        where = ["--connect", endpoint, "--seconds", "20"]
+        outcome = CliRunner().invoke(app, ["command", "uuv-1", "engage", "--json", *where])
+        assert outcome.exit_code == 1, outcome.output
+        reply = json.loads(outcome.stdout)
+        assert reply["accepted"] is False
+        assert reply["reason"].startswith("orders by zenoh are off (zenoh.commands = false")
+        assert handed == []
+        nobody = CliRunner().invoke(
+            app, ["command", "uuv-2", "hold", "--connect", endpoint, "--seconds", "0.1"]
+        )
+        assert nobody.exit_code == 2
+        assert f"no service of uuv-2 answers at {endpoint}" in nobody.stderr
+    finally:
+        assert sink.close(PATIENCE_S)
+
+    monkeypatch.setattr(ordering, "ask", lambda *args, **kwargs: Reply(accepted=True, reason="so already"))
+    accepted = CliRunner().invoke(app, ["command", "uuv-1", "resume"])
+    assert (accepted.exit_code, accepted.stdout) == (0, "resume accepted: so already\n")
+
+
+# The command line's words ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "fields"),
+    [
+        (["engage"], {}),
+        (["allocate", "roll-yaw"], {"allocation": "roll-yaw"}),
+        (["set", "law.k=0.5"], {"key": "law.k", "value": 0.5}),
+        (
+            ["set", "law.error_function.approach_m_s=2"],
+            {"key": "law.error_function.approach_m_s", "value": 2},
+        ),
+        (["set", "limits.keep_direction=false"], {"key": "limits.keep_direction", "value": False}),
+        (["load", "name=circle", "radius_m=5"], {"trajectory": {"name": "circle", "radius_m": 5}}),
+    ],
+)
+def test_words_become_fields(words: list[str], fields: dict[str, Any]) -> None:
+    assert fields_of(words[0], words[1:]) == fields
+
+
+def test_a_trajectory_is_read_from_a_configuration(tmp_path: Any) -> None:
+    path = tmp_path / "flight.toml"
+    path.write_text('[trajectory]\nname = "line"\nspeed_m_s = 0.5\n')
+    assert fields_of("load", [str(path)]) == {"trajectory": {"name": "line", "speed_m_s": 0.5}}
+    for text, why in (("[vehicle]\n", "has no [trajectory]"), ("=", "not valid TOML")):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=why.replace("[", r"\[")):
+            fields_of("load", [str(path)])
+    with pytest.raises(ValueError, match="cannot be read"):
+        fields_of("load", [str(tmp_path / "none.toml")])
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["set"], "set: expected KEY=VALUE, such as law.k=0.8, got nothing"),
+        (["set", "law.k", "0.8"], "set: expected KEY=VALUE, such as law.k=0.8, got law.k 0.8"),
+        (["set", "law.k="], "set law.k=: the value is missing"),
+        (["engage", "now"], "engage: expected nothing behind it, got now"),
+        (["allocate"], "allocate: expected one of pitch-yaw, roll-pitch, roll-yaw, got nothing"),
+        (["load"], "load: expected a TOML file"),
+        (["fly"], "there is no order 'fly'"),
+        (["allocate", "yaw"], "Invalid enum value 'yaw'"),
+    ],
+)
+def test_wrong_words_are_said_before_anybody_is_asked(words: list[str], why: str) -> None:
+    outcome = CliRunner().invoke(app, ["command", "uuv-1", *words])
+    assert outcome.exit_code == 2
+    assert why in outcome.stderr
+
+
+def test_a_vehicle_is_one_name_and_a_session_that_fails_is_said() -> None:
+    with pytest.raises(ValueError, match="1 to 64 letters"):
+        ask("uuv/*", "engage", {})
+
+    def broken(config: zenoh.Config) -> zenoh.Session:
+        raise zenoh.ZError("unreachable")
+
+    with pytest.raises(NoAnswerError, match="no zenoh session: unreachable"):
+        ask("uuv-1", "engage", {}, open_session=broken)
+
+
+# The desk, with a clock of its own -------------------------------------------------------------------
+
+
+class _Query:
+    """As much of a query as the desk asks for."""
+
+    def __init__(self, verb: str, payload: bytes = b"") -> None:
+        self.key_expr = f"guidance/uuv-1/command/{verb}"
+        self.payload = self
+        self._payload = payload
+        self.replies: list[Reply] = []
+        self.dropped = False
+
+    def to_bytes(self) -> bytes:
+        return self._payload
+
+    def reply(self, key: str, payload: bytes, *, encoding: object) -> None:
+        assert key == self.key_expr
+        self.replies.append(msgspec.json.decode(payload, type=Reply))
+
+    def __enter__(self) -> _Query:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.dropped = True
+
+
+class _Desk:
+    def __init__(self) -> None:
+        self.now_ns = 5 * S
+        self.handed: list[tuple[Order, int]] = []
+        self.it = OrderQueries("guidance/uuv-1/command/", enabled=True, clock_ns=lambda: self.now_ns)
+        self.it.hand_over = lambda order, until_ns: self.handed.append((order, until_ns))
+
+    def ask(self, verb: str = "engage", payload: bytes = b"") -> Any:
+        query: Any = _Query(verb, payload)
+        assert self.it.take(query)
+        return query
+
+    def answer(self, number: int = -1, **changed: Any) -> None:
+        order = self.handed[number][0]
+        answer = Answer(t_ns=1, order="engage", id=order.id, source=order.source, accepted=True, reason="")
+        self.it.answered(msgspec.json.encode(replace(answer, **changed)))
+
+
+@pytest.fixture
+def desk() -> _Desk:
+    return _Desk()
+
+
+def test_an_order_is_handed_over_and_answered_when_its_answer_comes(desk: _Desk) -> None:
+    query = desk.ask(payload=b'{"source": "ada\\u0007", "id": "1"}')
+    ((order, until_ns),) = desk.handed
+    assert (order.id, until_ns) == ("1", desk.now_ns + OBEY_NS)
+    assert order.source.startswith("zenoh ada")
+    assert "\a" not in order.source
+    assert query.replies == []
+    desk.answer(source="mavlink 255/190")  # of somebody else, with the same id
+    assert query.replies == []
+    desk.answer(reason="already tracking")
+    assert query.replies == [Reply(accepted=True, reason="already tracking", id="1")]
+    assert query.dropped
+    desk.answer()  # a second answer has nobody to go to
+    assert len(query.replies) == 1
+
+
+def test_orders_without_an_id_get_one_each(desk: _Desk) -> None:
+    first, second = desk.ask(), desk.ask()
+    assert desk.handed[0][0].id != desk.handed[1][0].id
+    desk.answer(1)
+    assert (first.replies, len(second.replies)) == ([], 1)
+
+
+def test_what_is_not_answered_in_time_is_answered_with_that(desk: _Desk) -> None:
+    query = desk.ask()
+    desk.now_ns += ANSWER_NS - 1
+    desk.it.expire()
+    assert query.replies == []
+    desk.now_ns += 1
+    desk.it.expire()
+    (reply,) = query.replies
+    assert reply.reason == "the control loop did not answer within 2 s; look at its events"
+    assert OBEY_NS < ANSWER_NS
+
+
+def test_no_more_wait_than_may(desk: _Desk) -> None:
+    for _ in range(WAITING_MAX):
+        desk.ask()
+    assert desk.ask().replies[0].reason == "32 orders wait already"
+    assert len(desk.handed) == WAITING_MAX
+
+
+def test_who_waits_at_the_end_is_told(desk: _Desk) -> None:
+    query = desk.ask()
+    desk.it.finish()
+    assert query.replies[0].reason == "the service ends"
+
+
+def test_what_is_no_order_is_left_to_others(desk: _Desk) -> None:
+    query: Any = _Query("engage")
+    query.key_expr = "guidance/uuv-1/**"
+    assert not desk.it.take(query)
+
+
+def test_an_order_that_the_loop_gets_too_late_is_not_obeyed() -> None:
+    async def late() -> None:
+        async with running() as rig:
+            rig.shell.hand_over(Engage(id="1", source="zenoh ada"), 0)
+            await rig.bell.until(lambda: rig.memory.events("note"), "a note")
+            assert rig.memory.events("note") == ["engage of zenoh ada came too late and is not obeyed"]
+            assert not any(isinstance(r, Answer) for r in rig.memory.records)
+        shells.append(rig.shell)
+
+    shells: list[Shell] = []
+
+    asyncio.run(late())
+    shells[0].hand_over(Engage(), 1 << 62)  # the loop is gone, and nobody is harmed

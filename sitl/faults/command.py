@@ -39,8 +39,8 @@ def faults(
 ) -> None:
     """Let everything fail, in flight, and see that the outcome is the safe one.
 
-    Flown on virtual time against the built-in vehicle, in half a minute. Whatever fails, no setpoint may be
-    outside the limits, made of an old state, sent twice, or sent after a hand-over. Exit status 0 only if
+    Flown on virtual time against the built-in vehicle, in less than a minute. Whatever fails, no setpoint may
+    be outside the limits, made of an old state, sent twice, or sent after a hand-over. Exit status 0 only if
     every outcome is as expected.
     """
     try:

@@ -8,13 +8,13 @@ import math
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, cast
 
 import typer
 
 from sitl import paper as section_4
+from sitl.bench_cli import benchmarks
 from sitl.campaign.command import campaign
 from sitl.faults.command import faults
 from sitl.fuzzing.command import fuzz
@@ -36,7 +36,6 @@ def sitl() -> None:
     """Software in the loop: the built-in vehicle and what flies against it."""
 
 
-benchmarks = typer.Typer(help="Measure, beside the goals.", add_completion=False)
 app.add_typer(benchmarks, name="bench")
 app.command()(campaign)
 app.command()(faults)
@@ -139,31 +138,6 @@ def vehicle(
         raise typer.Exit(2) from None
 
 
-@benchmarks.callback(invoke_without_command=True)
-def bench(
-    context: typer.Context,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
-) -> None:
-    """Measure lockstep, replay, law, time to the first setpoint and memory, beside their goals.
-
-    Exit status 0 only if every goal is met on this machine.
-    """
-    if context.invoked_subcommand is not None:
-        return
-    from sitl.bench import run as measure
-
-    figures = measure()
-    if as_json:
-        typer.echo(json.dumps([figure._asdict() for figure in figures]))
-    else:
-        for figure in figures:
-            verdict = "met" if figure.met else "MISSED"
-            typer.echo(
-                f"{figure.name:<34} {figure.value:10.3f} {figure.unit:<12} {figure.goal:<16} {verdict}"
-            )
-    raise typer.Exit(0 if all(figure.met for figure in figures) else 1)
-
-
 @app.command()
 def paper(
     figure: Annotated[
@@ -200,94 +174,6 @@ def paper(
         raise typer.Exit(2) from None
     if as_json:
         typer.echo(json.dumps(reports if figure is None else reports[0]))
-
-
-@benchmarks.command("campaign")
-def bench_campaign(
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
-) -> None:
-    """Measure the throughput of campaigns beside a C loop of the same arithmetic and crazyflow.
-
-    Exit status 0 only if every goal is met on this machine; one that could not be measured is not.
-    """
-    try:
-        from sitl import bench_campaign as throughput
-    except ModuleNotFoundError as error:
-        sys.stderr.write(f"sitl bench campaign: needs {error.name}, of the extra se3-guidance[sitl]\n")
-        raise typer.Exit(2) from None
-
-    report = throughput.measure()
-    if as_json:
-        typer.echo(json.dumps(report))
-    else:
-        for what, value, goal in throughput.rows(report):
-            typer.echo(f"{what:<32} {value:>18}  {goal}")
-        for note in report["notes"]:
-            typer.echo(note)
-    raise typer.Exit(0 if report["met"] else 1)
-
-
-@benchmarks.command("latency")
-def bench_latency(
-    rounds: Annotated[int, typer.Option(min=1, help="Turns that each one takes at each rate.")] = 4,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
-) -> None:
-    """Measure state sent to setpoint received, over UDP, at 50 and 200 Hz: the service, mavsdk and an echo.
-
-    The service runs with telemetry and log on; mavsdk (the extra `bench`) does the same job in Python; the
-    echo is the floor. Takes a minute and a half. Exit status 0 only if every goal is met on this machine.
-    """
-    from sitl import bench_latency as latency
-
-    report = latency.measure(rounds)
-    _print_bench(report, latency.rows(report), report["notes"], as_json=as_json)
-    raise typer.Exit(0 if report["met"] else 1)
-
-
-@benchmarks.command("loop")
-def bench_loop(
-    rounds: Annotated[int, typer.Option(min=1, help="Turns, idle and under load.")] = 4,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
-) -> None:
-    """Measure how late the service's loop is, idle and with its sinks under load.
-
-    Load: every record ten times to log and zenoh, a `guidance watch`, and a sink that computes in Python
-    without end. Takes about a minute. Exit status 0 only if both goals are met on this machine.
-    """
-    from sitl import bench_loop as loop
-
-    report = loop.measure(rounds)
-    _print_bench(report, loop.rows(report), report["notes"], as_json=as_json)
-    raise typer.Exit(0 if report["met"] else 1)
-
-
-@benchmarks.command("link")
-def bench_link(
-    flights: Annotated[int, typer.Option(min=1, help="Flights of each kind, with seeds of their own.")] = 10,
-    seconds: Annotated[float, typer.Option(min=20.0, help="How long each one tracks.")] = 60.0,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
-) -> None:
-    """Measure tracking over links that lose and delay, and which loss and gap end a flight: on virtual time.
-
-    Takes a minute or two. Exit status 0 only if every goal is met; the figures depend on no machine.
-    """
-    from sitl import bench_link as link
-
-    report = link.measure(flights, seconds)
-    _print_bench(report, link.rows(report), (), as_json=as_json)
-    raise typer.Exit(0 if report["met"] else 1)
-
-
-def _print_bench(
-    report: Mapping[str, object], rows: Sequence[tuple[str, str]], notes: Sequence[str], *, as_json: bool
-) -> None:
-    if as_json:
-        typer.echo(json.dumps(report))
-        return
-    for what, figures in rows:
-        typer.echo(f"{what:<22}{figures}")
-    for note in notes:
-        typer.echo(note)
 
 
 def main() -> None:

@@ -44,9 +44,9 @@ COMMANDS: Final[Mapping[int, str]] = {
 HANDLERS: Final[Mapping[str, str]] = {
     "COMMAND_LONG": "_on_command",
     "COMMAND_INT": "_on_command",
-    "PARAM_REQUEST_LIST": "_on_param_request_list",
-    "PARAM_REQUEST_READ": "_on_param_request_read",
-    "PARAM_SET": "_on_param_set",
+    "PARAM_REQUEST_LIST": "_on_parameters",
+    "PARAM_REQUEST_READ": "_on_parameters",
+    "PARAM_SET": "_on_parameters",
     "SET_ATTITUDE_TARGET": "_on_set_attitude_target",
     "SET_MODE": "_on_set_mode",
     "SET_POSITION_TARGET_LOCAL_NED": "_on_set_position_target_local_ned",
@@ -319,18 +319,8 @@ class Autopilot(ABC):
     def _on_set_position_target_local_ned(self, message: Any) -> None:
         """SET_POSITION_TARGET_LOCAL_NED."""
 
-    def _on_param_request_list(self, message: Any) -> None:
-        for value in self.parameters.all_messages():
-            self.link.send(value)
-
-    def _on_param_request_read(self, message: Any) -> None:
-        value = self.parameters.read(message)
-        if value is not None:
-            self.link.send(value)
-
-    def _on_param_set(self, message: Any) -> None:
-        value = self.parameters.write(message)
-        if value is not None:
+    def _on_parameters(self, message: Any) -> None:
+        for value in self.parameters.answers(message):
             self.link.send(value)
 
     def _on_timesync(self, message: Any) -> None:

@@ -69,12 +69,23 @@ class ParameterSet:
         self._values[name] = _stored(value, kind)
         return True
 
-    def all_messages(self) -> list[Any]:
+    def answers(self, message: Any) -> list[Any]:
+        """What is said to PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
+        match message.get_type():
+            case "PARAM_REQUEST_LIST":
+                return self._all()
+            case "PARAM_REQUEST_READ":
+                answer = self._read(message)
+            case _:
+                answer = self._write(message)
+        return [] if answer is None else [answer]
+
+    def _all(self) -> list[Any]:
         """The answer to PARAM_REQUEST_LIST; PX4 leads with its hash."""
         messages = [self._message(name) for name in self._values]
         return [self._hash_message(), *messages] if self._bytewise else messages
 
-    def read(self, request: Any) -> Any | None:
+    def _read(self, request: Any) -> Any | None:
         """The answer to PARAM_REQUEST_READ, by index if that is 0 or more, else by name."""
         if request.param_index >= 0:
             names = list(self._values)
@@ -84,7 +95,7 @@ class ParameterSet:
             return self._hash_message()
         return self._message(request.param_id) if request.param_id in self._values else None
 
-    def write(self, request: Any) -> Any | None:
+    def _write(self, request: Any) -> Any | None:
         """Obey PARAM_SET; the answer carries the value now in force. Unknown name, wrong type: None."""
         name, kind = request.param_id, self._types.get(request.param_id)
         if kind is None:

@@ -250,11 +250,8 @@ class Autopilot(ABC):
 
     def acknowledge(self, command: Command, result: int) -> None:
         """Send a COMMAND_ACK."""
-        self.link.send(
-            mavlink.MAVLink_command_ack_message(
-                command.id, result, 0, 0, command.source_system, command.source_component
-            )
-        )
+        asker = (command.source_system, command.source_component)
+        self.link.send(mavlink.MAVLink_command_ack_message(command.id, result, 0, 0, *asker))
 
     def _on_command(self, message: Any) -> None:
         self.obey(Command.of(message))

@@ -28,7 +28,7 @@ from sitl.stopwatch import Flight, Stamp, answer_times_ns
 Address = tuple[str, int]
 
 #: What the configuration must be for `yaw_rates` to be what is answered: the reference all but stands still.
-SETTINGS: Final = ("trajectory.name=line", "trajectory.speed_m_s=0.001")
+SETTINGS: Final = ("trajectory.name=line", "trajectory.speed_m_s=0.001", "guards.effect_s=60")
 #: Where the vehicle stands, from the start of the line; far enough that 1 mm/s makes no difference.
 POSITION_NED_M: Final = Vec3(-20.0, 0.0, 0.0)
 #: As many as periods that an answer may take: a later one would be taken for that to a newer state. So close

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, inf
+from math import hypot, inf, isfinite
 from typing import NamedTuple
 
 from guidance.se3 import Vec3
@@ -19,12 +19,12 @@ class Fence(NamedTuple):
     down_max_m: float = inf
 
     def outside_m(self, position_ned_m: Vec3) -> float:
-        """How far a place is outside, 0 inside; NaN counts as outside (inf)."""
+        """How far a place is outside, 0 inside; what is not finite is outside (inf)."""
         north, east, down = position_ned_m
+        if not (isfinite(north) and isfinite(east) and isfinite(down)):
+            return inf
         vertical = max(self.down_min_m - down, down - self.down_max_m, 0.0)
         horizontal = outside_polygon_m(self.corners, north, east) if self.corners else 0.0
-        if north != north or east != east or down != down:
-            return inf
         return hypot(vertical, horizontal)
 
 

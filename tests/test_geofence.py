@@ -92,3 +92,12 @@ def test_when_a_trajectory_leaves() -> None:
     assert leaves_after_s(fence, line, ZERO, 0.0, 60.0) == 20.25
     assert leaves_after_s(fence, line, ZERO, 15.0, 60.0) == 5.25
     assert leaves_after_s(fence, line, Vec3(0.0, 2.0, 0.0), 0.0, 60.0) == 0.0
+
+
+@pytest.mark.parametrize("odd", [math.inf, -math.inf, math.nan])
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("fence", [Fence(SQUARE), Fence(SQUARE, 0.0, 5.0), Fence((), 0.0, 5.0)])
+def test_a_place_that_is_not_finite_is_outside(fence: Fence, axis: int, odd: float) -> None:
+    place = [1.0, 1.0, 1.0]
+    place[axis] = odd
+    assert fence.outside_m(Vec3(*place)) == math.inf

@@ -132,6 +132,8 @@ def guard_conflicts(
 def _wrong_with(corners: tuple[Corner, ...], *, degrees: bool) -> str | None:
     if len(corners) < 3:
         return f"{len(corners)} corners make no fence: at least 3"
+    if len(set(corners)) < len(corners):
+        return "a corner comes twice: leave it out, the last one is joined to the first by itself"
     if degrees and not all(abs(lat) <= 90.0 and abs(lon) <= 180.0 for lat, lon in corners):
         return "a corner must be [latitude -90 to 90, longitude -180 to 180]"
     if crosses_itself(corners):

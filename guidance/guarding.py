@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from typing import Final
 
 from guidance.config import Config
-from guidance.estimate import Estimate, Reset, Switch
+from guidance.estimate import Estimate, Reset, Switch, together
 from guidance.geofence import Fence
-from guidance.guard_limits import SILENCE, fence_of
+from guidance.guard_limits import SILENCE, GuardsConfig, fence_of
 from guidance.guards import GUARDS, Guard, Look
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.messages import BatteryStatus, Body, SysStatus
+from guidance.mavlink.messages import BatteryStatus, Body, GpsGlobalOrigin, SysStatus
 from guidance.mavlink.profiles import Profile
 from guidance.se3 import Vec3, norm
 from guidance.supervisor import State
@@ -39,6 +39,7 @@ class Guards:
         self._tracker = tracker
         self._solution: Solution | None = None
         self._jump: Reset | None = None
+        self._fenced: tuple[GuardsConfig, GpsGlobalOrigin | None, Fence | str | None] | None = None
         self._since_ns: dict[str, int] = {}
         self._looked_ns = -_PLAN_NS
         self._at_once = [guard for guard in GUARDS if guard.for_s == 0.0 and guard.name != "failsafe"]
@@ -61,16 +62,17 @@ class Guards:
             self._batteries[body.id] = body
 
     def happened(self, news: Iterable[Reset | Switch]) -> bool:
-        """What the estimator says, and whether a reset is among it: the next look judges the largest."""
+        """What the estimator says, and whether a reset is among it: the next look judges what all come to."""
         resets = [one for one in news if isinstance(one, Reset)]
-        known = resets if self._jump is None else [self._jump, *resets]
-        self._jump = max(known, key=lambda one: norm(one.moved_ned_m), default=None)
+        for reset in resets:
+            self._jump = reset if self._jump is None else together(self._jump, reset)
+            self._looked_ns = -_PLAN_NS
         return bool(resets)
 
     def before_sending(self, estimate: Estimate, solution: Solution, now_ns: int) -> str | None:
         """Look at what cannot wait for the next look; why the setpoint must not be sent, if it must not."""
         self._solution = solution
-        look = self._seen(estimate, now_ns)
+        look = self._seen(estimate, now_ns, ahead=False)
         found = ((guard, guard.exceeded(look)) for guard in self._at_once)
         guard, reason = next(((guard, why) for guard, why in found if why is not None), (None, ""))
         if guard is not None and self._in_control:
@@ -87,11 +89,11 @@ class Guards:
             self._since_ns.clear()
             self._solution, self.trip, self.late_s = None, None, 0.0
             if now_ns - self._looked_ns < _PLAN_NS:
-                self._jump = None
                 return
             self._looked_ns = now_ns if isinstance(state, Estimate) else -_PLAN_NS
-        look = self._seen(state, now_ns)
-        self._jump = None
+        look = self._seen(state, now_ns, ahead=True)
+        if self._tracker.paused_s is None:  # a flight that is held goes on only where the frame still holds
+            self._jump = None
         if not in_control:
             found = ((guard, guard.exceeded(look)) for guard in GUARDS if guard.before)
             self.condition = next((f"{guard.name}: {why}" for guard, why in found if why is not None), None)
@@ -111,7 +113,7 @@ class Guards:
         mode = None if action == SILENCE else self._profile.mode(action)
         return Trip(guard.name, f"{guard.name}: {reason}", mode)
 
-    def _seen(self, state: Estimate | str, now_ns: int) -> Look:
+    def _seen(self, state: Estimate | str, now_ns: int, *, ahead: bool) -> Look:
         solution, tracker = self._solution, self._tracker
         origin: Vec3 | str | None = tracker.origin_ned_m
         if origin is None and isinstance(state, Estimate):
@@ -129,6 +131,7 @@ class Guards:
             origin_ned_m=origin if isinstance(origin, Vec3) else None,
             trajectory_s=(tracker.paused_s or 0.0) if solution is None else solution.trajectory_s,
             fence=self._fence(),
+            ahead=ahead,
             late_s=self.late_s,
             jump=self._jump,
             offset_m=norm(tracker.reference_offset_ned_m),
@@ -140,11 +143,15 @@ class Guards:
 
     def _fence(self) -> Fence | str | None:
         """In the autopilot's local frame as it is now."""
-        guards = self._config.guards
+        guards, origin = self._config.guards, self._link.origin
+        if self._fenced is None or self._fenced[0] is not guards or self._fenced[1] is not origin:
+            self._fenced = guards, origin, self._find_fence(guards, origin)
+        return self._fenced[2]
+
+    def _find_fence(self, guards: GuardsConfig, origin: GpsGlobalOrigin | None) -> Fence | str | None:
         if not guards.fence_deg:
             fence = fence_of(guards, guards.fence_ned_m)
             return None if fence == Fence() else fence
-        origin = self._link.origin
         if origin is None:
             return "the fence's place is not known before GPS_GLOBAL_ORIGIN"
         at = (origin.latitude * 1e-7, origin.longitude * 1e-7, origin.altitude * 1e-3)

@@ -55,7 +55,8 @@ class Look(NamedTuple):
     """What is known now.
 
     `state` is the estimate or why there is none; `solution` the newest of the law while in control;
-    `origin_ned_m` the trajectory's, or where it would be; `fence` may be why it is not known.
+    `origin_ned_m` the trajectory's, or where it would be; `fence` may be why it is not known, and is held
+    against the trajectory, too, if the look is `ahead`.
     """
 
     now_ns: int
@@ -68,6 +69,7 @@ class Look(NamedTuple):
     origin_ned_m: Vec3 | None
     trajectory_s: float
     fence: Fence | str | None
+    ahead: bool
     late_s: float
     jump: Reset | None
     offset_m: float
@@ -128,7 +130,7 @@ def _fence(look: Look) -> str | None:
         outside_m = look.fence.outside_m(look.state.pose.position)
         if outside_m > 0.0:
             return f"{outside_m:.1f} m outside the fence"
-    if look.origin_ned_m is None:
+    if look.origin_ned_m is None or not look.ahead:
         return None
     ahead_s = look.guards.fence_ahead_s if look.in_control else look.guards.fence_plan_s
     after_s = leaves_after_s(
@@ -232,7 +234,7 @@ GUARDS: Final = (
            "fence_plan_s"), 0.0, True, _fence),
     Guard("tilt", "the angle between the body's and the world's down", ("tilt_max_deg",), 0.0, True, _tilt),
     Guard("jump", "a reset of the autopilot's estimator, and all that is still blended",
-          ("jump_max_m", "jump_max_deg"), 0.0, False, _jump),
+          ("jump_max_m", "jump_max_deg"), 0.0, True, _jump),
     Guard("state", "attitude and position: none that is valid and young enough (`link.*_timeout_s`)",
           ("state_max_s",), "state_max_s", False, _state),
     Guard("rate", "attitude and position: part of the wanted rate", ("rate_part", "rate_s"), "rate_s", False,

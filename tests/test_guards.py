@@ -114,6 +114,13 @@ def test_a_turned_estimator_ends_the_flight(firmware: tuple[str, ...]) -> None:
 
 
 @BOTH
+def test_a_turn_is_judged_beside_a_larger_move(firmware: tuple[str, ...]) -> None:
+    flight, _ = tracking(firmware)
+    flight.vehicle.reset_estimator(flight.now_ns, (3.0, 0.0, 0.0), 1.5)
+    assert "turned by 86 deg" in assert_ended(flight, "jump", 0.2)
+
+
+@BOTH
 def test_an_error_that_lasts_ends_the_flight(firmware: tuple[str, ...]) -> None:
     start = (-40.0, -30.0, 0.0)
     flight = make_flight(
@@ -317,6 +324,7 @@ def test_an_action_that_the_profile_lacks_is_refused_with_those_it_has() -> None
         (["fence_ned_m=[[0.0,0.0],[1.0,0.0]]"], "2 corners make no fence"),
         (["fence_ned_m=[[0.0,0.0],[1.0,1.0],[1.0,0.0],[0.0,1.0]]"], "its edges cross"),
         (["fence_ned_m=[[0.0,0.0],[1.0,1.0],[2.0,2.0]]"], "nothing inside"),
+        (["fence_ned_m=[[0.0,0.0],[9.0,0.0],[0.0,9.0],[0.0,0.0]]"], "a corner comes twice: leave it out"),
         (["fence_ned_m=[[0.0,nan],[1.0,1.0],[2.0,2.0]]"], "a list of pairs of numbers"),
         (["fence_deg=[[0.0,0.0],[91.0,1.0],[2.0,0.0]]"], "latitude -90 to 90"),
         (["fence_deg=[[0.0,0.0],[1.0,1.0],[2.0,0.0]]", "fence_ned_m=[[0.0,0.0]]"], "set only one"),

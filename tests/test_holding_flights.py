@@ -8,7 +8,7 @@ from guidance.records import Reference, TrackingError
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
 from tests.helpers import events_of, fly_until, fly_until_tracking, records_of, setpoints_since, state_of
-from tests.pilot import BOTH, DEAD, NAMES, tracking
+from tests.pilot import BOTH, DEAD, NAMES, ROVER, Pilot, tracking
 
 
 def order(flight: Lockstep, name: str) -> None:
@@ -107,3 +107,44 @@ def test_a_flight_that_is_aborted_while_held_is_not_continued(firmware: tuple[st
     fly_until_tracking(flight)
     flight.run(0.1)
     assert records_of(flight, Reference, since_ns=engaged_ns)[0].trajectory_s == pytest.approx(0.0)
+
+
+def held_through(firmware: tuple[str, ...], *jumps_to_m: float) -> tuple[Lockstep, Pilot]:
+    """A held flight whose estimator jumped meanwhile, to so far north of the truth each time."""
+    flight, pilot = tracking(firmware, "supervisor.engage_max_error_m=1000")
+    order(flight, "hold")
+    fly_until(flight, State.HOLDING)
+    for north_m in jumps_to_m:
+        flight.vehicle.reset_estimator(flight.now_ns, (north_m, 0.0, 0.0), 0.0)
+        flight.run(3.0)
+    return flight, pilot
+
+
+@BOTH
+def test_a_flight_held_through_jumps_past_the_limit_does_not_go_on(firmware: tuple[str, ...]) -> None:
+    flight, _ = held_through(firmware, 8.0, 16.0)  # each is within the limit, both are not
+    order(flight, "resume")
+    held_ns = flight.now_ns
+    flight.run(10.0)
+    assert state_of(flight) is State.HOLDING
+    assert setpoints_since(flight, held_ns) == []
+    assert "jump: estimator jumped by 16." in events_of(flight, "engage_expired")[-1]
+    order(flight, "abort")
+    flight.run(1.0)
+    order(flight, "engage")
+    fly_until_tracking(flight)
+
+
+def test_nor_by_the_pilots_switch() -> None:
+    flight, pilot = held_through(ROVER, 50.0)
+    pilot.switch("control")
+    fly_until(flight, State.ARMING)
+    fly_until(flight, State.ABORTED, 6.0)
+    assert "jump: estimator jumped by 50.0 m" in flight.guide.engagement.reason
+
+
+@BOTH
+def test_a_flight_held_through_a_glitch_that_passed_goes_on(firmware: tuple[str, ...]) -> None:
+    flight, _ = held_through(firmware, 50.0, 0.0)
+    order(flight, "resume")
+    fly_until_tracking(flight)

@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from guidance.estimate.estimator import BLEND_TIME_S, Estimate, Estimator
-from guidance.estimate.resets import ATTITUDE_JUMP_RAD, POSITION_JUMP_M, Reset
+from guidance.estimate.resets import ATTITUDE_JUMP_RAD, POSITION_JUMP_M, Reset, together
 from guidance.estimate.samples import AttitudeSample, PositionSample
 from guidance.estimate.sources import ATTITUDES, FUTURE_NS, POSITIONS, SILENT_NS, STEADY_NS, Switch
 
@@ -27,4 +27,5 @@ __all__ = [
     "PositionSample",
     "Reset",
     "Switch",
+    "together",
 ]

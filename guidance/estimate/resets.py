@@ -55,6 +55,14 @@ class Reset(NamedTuple):
         return f"the autopilot's estimator was reset, by {size} ({self.cause}, {self.source})"
 
 
+def together(first: Reset, second: Reset) -> Reset:
+    """Two resets as one: where the estimator was before both, and where it is after."""
+    turn = multiply(quaternion_exp(second.turned_ned_rad), quaternion_exp(first.turned_ned_rad))
+    return second._replace(
+        moved_ned_m=add(first.moved_ned_m, second.moved_ned_m), turned_ned_rad=quaternion_log(turn)
+    )
+
+
 def moved(before: PositionSample, after: PositionSample) -> Vec3:
     """The move (NED, m) that the velocities at both ends do not explain."""
     half_s = 0.5e-3 * (after.boot_ms - before.boot_ms)

@@ -68,6 +68,8 @@ class Commands:
             wanted = self._control_mode
         elif self._state is State.ARMING and self._arm and not view.armed and view.blocked is None:
             wanted = True
+        elif not view.certain:  # a mode may have been chosen in the silence, and the stream has ended
+            return None
         elif self._state in (State.PAUSING, State.ABORTING, State.LEAVING) or (
             # A mode that somebody else chose is left alone.
             self._state in (State.CANCELLING, State.BACKING_OUT)

@@ -318,7 +318,7 @@ class Engagement:
         if self.state is State.READY:
             return self.may_offer_stream(view)
         if self.state in LEAVING:
-            # The commands to leave go on, but a stream that was interrupted does not take control back.
+            # Commands to leave may go on, but a stream that was interrupted does not take control back.
             self._attempt.silence(view, now_ns, establishing=False)
             return not self._attempt.broken
         if self.state is State.STREAMING and self._attempt.broken and not view.certain:

@@ -7,8 +7,17 @@ import pytest
 from guidance.records import Reference, TrackingError
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
-from tests.helpers import events_of, fly_until, fly_until_tracking, records_of, setpoints_since, state_of
-from tests.pilot import BOTH, DEAD, NAMES, ROVER, Pilot, tracking
+from tests.helpers import (
+    PERFECT,
+    ROVER,
+    events_of,
+    fly_until,
+    fly_until_tracking,
+    records_of,
+    setpoints_since,
+    state_of,
+)
+from tests.pilot import BOTH, DEAD, NAMES, Pilot, tracking
 
 
 def order(flight: Lockstep, name: str) -> None:
@@ -148,3 +157,21 @@ def test_a_flight_held_through_a_glitch_that_passed_goes_on(firmware: tuple[str,
     flight, _ = held_through(firmware, 50.0, 0.0)
     order(flight, "resume")
     fly_until_tracking(flight)
+
+
+@BOTH
+@pytest.mark.parametrize("name", ["hold", "abort"])
+def test_a_mode_that_the_pilot_chose_while_the_link_was_silent_is_not_overruled(
+    firmware: tuple[str, ...], name: str
+) -> None:
+    flight, pilot = tracking(firmware)
+    flight.to_guide = flight.to_vehicle = DEAD
+    flight.run(0.4)
+    order(flight, name)
+    flight.run(0.4)
+    pilot.switch("manual")
+    flight.run(0.2)
+    flight.to_guide = flight.to_vehicle = PERFECT
+    flight.run(20.0)
+    assert flight.vehicle.mode in NAMES["manual"]
+    assert state_of(flight) in (State.HANDED_OVER, State.ABORTED)

@@ -126,7 +126,11 @@ def guard_conflicts(
         return
     after_s = leaves_after_s(fence, trajectory, Vec3(0.0, 0.0, 0.0), 0.0, config.fence_plan_s)
     if after_s is not None:
-        yield Problem("guards.fence_plan_s", f": the trajectory is outside the fence after {after_s:g} s")
+        yield Problem(
+            "guards.fence_plan_s",
+            f" = {config.fence_plan_s:g}: the trajectory is outside the fence after {after_s:g} s; "
+            "make the fence larger, or look less far ahead",
+        )
 
 
 def _wrong_with(corners: tuple[Corner, ...], *, degrees: bool) -> str | None:

@@ -32,6 +32,7 @@ class Leaving:
         if exit_mode is None or hold_mode is None:
             raise ValueError(f"{profile.name} lacks {config.exit_mode} or {config.hold_mode}")
         self._exit_mode, self._hold_mode = exit_mode, hold_mode
+        self._control_mode = profile.control_mode
         self._state = State.DISCONNECTED
         self._mode_at_entry: int | None = None
         self._since_ns = 0
@@ -61,4 +62,6 @@ class Leaving:
         if now_ns - self._since_ns < round(limit_s * 1e9):
             return None
         event = Event.STEP_TIMEOUT if pausing else Event.LEFT
+        if self._state in _FROM_ENGAGING and view.custom_mode != self._control_mode.custom_mode:
+            return event, f"{self._control_mode.name} is not on"  # nor was another one commanded
         return event, f"{self.mode.name} not confirmed within {limit_s:g} s"

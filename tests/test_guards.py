@@ -329,7 +329,7 @@ def test_an_action_that_the_profile_lacks_is_refused_with_those_it_has() -> None
         (["fence_deg=[[0.0,0.0],[91.0,1.0],[2.0,0.0]]"], "latitude -90 to 90"),
         (["fence_deg=[[0.0,0.0],[1.0,1.0],[2.0,0.0]]", "fence_ned_m=[[0.0,0.0]]"], "set only one"),
         (["fence_down_min_m=2", "fence_down_max_m=1"], "below fence_down_max_m"),
-        (["fence_down_max_m=1"], "outside the fence after 10.25 s"),
+        (["fence_down_max_m=1"], "outside the fence after 10.25 s; make the fence larger"),
     ],
 )
 def test_a_fence_that_makes_no_sense_is_refused(settings: list[str], words: str) -> None:

@@ -191,6 +191,9 @@ def test_abort_while_engaging_backs_out(profile: Profile, state: State) -> None:
     assert it.command() == (profile.mode("hold") if in_control else None)
     assert it.see(LEAVE_S - 0.001) == []
     assert ways(it.see(0.001)) == [(State.ABORTED, Event.LEFT)]
+    assert it.reason() == (
+        "hold not confirmed within 1 s" if in_control else f"{profile.control_mode.name} is not on"
+    )
 
 
 @BOTH

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from guidance.estimate import ATTITUDE_JUMP_RAD, POSITION_JUMP_M, Estimator, Reset
+from guidance.estimate import ATTITUDE_JUMP_RAD, POSITION_JUMP_M, Estimator, Reset, together
 from guidance.estimate.resets import (
     ACCELERATION_M_S2,
     ACCELERATION_RAD_S2,
@@ -188,3 +188,17 @@ def test_a_run_of_resets_is_told_once_and_what_is_larger_again() -> None:
     assert not told(220, 1.0)
     assert told(240, 0.0, "counter")
     assert told(240 + RESET_RUN_NS // MS, 1.0)
+
+
+@properties
+@given(vectors(50.0), vectors(50.0), quaternions(), quaternions())
+def test_two_resets_are_as_one_from_before_both_to_after_both(
+    first_m: Vec3, second_m: Vec3, first: Quaternion, second: Quaternion
+) -> None:
+    one = Reset(1, "ATTITUDE", "jump", first_m, quaternion_log(first))
+    other = Reset(2, "ODOMETRY", "counter", second_m, quaternion_log(second))
+    both = together(one, other)
+    assert both[:3] == other[:3]
+    assert both.moved_ned_m == add(first_m, second_m)
+    found, expected = quaternion_exp(both.turned_ned_rad), multiply(second, first)
+    assert abs(sum(a * b for a, b in zip(found, expected, strict=True))) == pytest.approx(1.0)

@@ -222,7 +222,9 @@ def _conflicts(config: Config) -> Iterator[Problem]:
         yield Problem("vehicle.profile", f" = {shown(name)}: must be {one_of(sorted(PROFILES), name)}")
         return  # what the others may be is not known
     yield from _profile_conflicts(config, profile)
-    yield from guard_conflicts(config.guards, profile, config.trajectory, config.flight.origin)
+    yield from guard_conflicts(
+        config.guards, profile, config.trajectory, config.flight.origin, link.attitude_timeout_s
+    )
     full_m_s = config.vehicle.speed_at_full_thrust_m_s
     yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar)
 

@@ -274,7 +274,7 @@ class Guide:
             self._changed(change, now_ns)
         expired = self.engagement.expired(now_ns)
         if expired is not None:
-            self._told.event(Level.WARNING, "engage_expired", expired, now_ns)
+            self._told.event(Level.WARNING, "order_expired", expired, now_ns)
         wanted = self.engagement.due_command(view, now_ns)
         if wanted is not None:
             self.link.outbox.send(command_of(wanted, self.link.system, self.link.component))

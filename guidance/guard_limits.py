@@ -34,7 +34,7 @@ class GuardsConfig(Section, frozen=True, kw_only=True):
     rate_part: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.3
     rate_s: Seconds = 2.0
     rate_action: str = "hold"
-    delay_max_s: Annotated[float, Meta(ge=0.01, le=2.0)] = 0.25
+    delay_max_s: Annotated[float, Meta(ge=0.01, le=2.0)] | None = None
     delay_s: Seconds = 1.0
     delay_action: str = "hold"
     jump_max_m: Positive = 10.0
@@ -93,8 +93,15 @@ def guard_conflicts(
     profile: Profile,
     trajectory: Trajectory,
     origin: str | tuple[float, float, float],
+    attitude_timeout_s: float,
 ) -> Iterator[Problem]:
-    """What no single key of [guards] can tell. `origin` is `flight.origin`."""
+    """What no single key of [guards] can tell. `origin` is `flight.origin`, the time-out is `link`'s."""
+    if config.delay_max_s is not None and config.delay_max_s >= attitude_timeout_s:
+        yield Problem(
+            "guards.delay_max_s",
+            f" = {config.delay_max_s:g}: an older attitude is not used in any case; must be below "
+            f"link.attitude_timeout_s = {attitude_timeout_s:g}",
+        )
     choices = [SILENCE, *(mode.name for mode in profile.modes if mode != profile.control_mode)]
     for key in ACTIONS:
         name = getattr(config, key)

@@ -9,7 +9,7 @@ from guidance.config import Config
 from guidance.estimate import Estimate, Reset, Switch, together
 from guidance.geofence import Fence
 from guidance.guard_limits import SILENCE, GuardsConfig, fence_of
-from guidance.guards import GUARDS, Guard, Look
+from guidance.guards import GUARDS, NOT_FINITE, NUMBER, Guard, Look
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.messages import BatteryStatus, Body, GpsGlobalOrigin, SysStatus
 from guidance.mavlink.profiles import Profile
@@ -22,6 +22,8 @@ from guidance.view import Trip
 IN_CONTROL: Final = frozenset({State.TRACKING, State.PAUSING})
 #: Before a flight its whole way is looked at, no more often than this.
 _PLAN_NS: Final = 500_000_000
+#: What forbade to engage must have been well for so long: a battery at its limit is not ready twice a second.
+_CALM_NS: Final = 3_000_000_000
 
 
 class Guards:
@@ -42,7 +44,7 @@ class Guards:
         self._fenced: tuple[GuardsConfig, GpsGlobalOrigin | None, Fence | str | None] | None = None
         self._since_ns: dict[str, int] = {}
         self._looked_ns = -_PLAN_NS
-        self._at_once = [guard for guard in GUARDS if guard.for_s == 0.0 and guard.name != "failsafe"]
+        self._condition_ns = 0
         self.rebooted()
 
     def reconfigure(self, config: Config) -> None:
@@ -69,15 +71,15 @@ class Guards:
             self._looked_ns = -_PLAN_NS
         return bool(resets)
 
-    def before_sending(self, estimate: Estimate, solution: Solution, now_ns: int) -> str | None:
-        """Look at what cannot wait for the next look; why the setpoint must not be sent, if it must not."""
+    def before_sending(self, solution: Solution, now_ns: int) -> str | None:
+        """The law has spoken: why that must not be sent, if it must not. The other guards look 20 times a
+        second, and as soon as the estimator says that it was reset."""
         self._solution = solution
-        look = self._seen(estimate, now_ns, ahead=False)
-        found = ((guard, guard.exceeded(look)) for guard in self._at_once)
-        guard, reason = next(((guard, why) for guard, why in found if why is not None), (None, ""))
-        if guard is not None and self._in_control:
-            self.trip = self.trip or self._tripped(guard, reason)
-        return None if is_usable(solution) else reason
+        if is_usable(solution):
+            return None
+        if self._in_control and self.trip is None:
+            self.trip = self._tripped(NUMBER, NOT_FINITE)
+        return NOT_FINITE
 
     def look(self, state: Estimate | str, in_state: State, now_ns: int) -> None:
         """Look at all of them; `state` is the estimate, or why there is none."""
@@ -91,12 +93,16 @@ class Guards:
             if now_ns - self._looked_ns < _PLAN_NS:
                 return
             self._looked_ns = now_ns if isinstance(state, Estimate) else -_PLAN_NS
-        look = self._seen(state, now_ns, ahead=True)
+        look = self._seen(state, now_ns)
         if self._tracker.paused_s is None:  # a flight that is held goes on only where the frame still holds
             self._jump = None
         if not in_control:
             found = ((guard, guard.exceeded(look)) for guard in GUARDS if guard.before)
-            self.condition = next((f"{guard.name}: {why}" for guard, why in found if why is not None), None)
+            condition = next((f"{guard.name}: {why}" for guard, why in found if why is not None), None)
+            if condition is not None:
+                self._condition_ns = now_ns
+            if condition is not None or now_ns - self._condition_ns >= _CALM_NS:
+                self.condition = condition
             return
         self.condition = None
         for guard in GUARDS:
@@ -113,7 +119,7 @@ class Guards:
         mode = None if action == SILENCE else self._profile.mode(action)
         return Trip(guard.name, f"{guard.name}: {reason}", mode)
 
-    def _seen(self, state: Estimate | str, now_ns: int, *, ahead: bool) -> Look:
+    def _seen(self, state: Estimate | str, now_ns: int) -> Look:
         solution, tracker = self._solution, self._tracker
         origin: Vec3 | str | None = tracker.origin_ned_m
         if origin is None and isinstance(state, Estimate):
@@ -131,7 +137,6 @@ class Guards:
             origin_ned_m=origin if isinstance(origin, Vec3) else None,
             trajectory_s=(tracker.paused_s or 0.0) if solution is None else solution.trajectory_s,
             fence=self._fence(),
-            ahead=ahead,
             late_s=self.late_s,
             jump=self._jump,
             offset_m=norm(tracker.reference_offset_ned_m),

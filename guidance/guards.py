@@ -43,6 +43,7 @@ _FAILSAFE: Final = {
     dialect.MAV_STATE_POWEROFF: "POWEROFF",
     dialect.MAV_STATE_FLIGHT_TERMINATION: "FLIGHT_TERMINATION",
 }
+NOT_FINITE: Final = "the law gave a number that is not finite"
 _CHARGE: Final = {
     dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL: "critical",
     dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY: "an emergency",
@@ -55,8 +56,7 @@ class Look(NamedTuple):
     """What is known now.
 
     `state` is the estimate or why there is none; `solution` the newest of the law while in control;
-    `origin_ned_m` the trajectory's, or where it would be; `fence` may be why it is not known, and is held
-    against the trajectory, too, if the look is `ahead`.
+    `origin_ned_m` the trajectory's, or where it would be; `fence` may be why it is not known.
     """
 
     now_ns: int
@@ -69,7 +69,6 @@ class Look(NamedTuple):
     origin_ned_m: Vec3 | None
     trajectory_s: float
     fence: Fence | str | None
-    ahead: bool
     late_s: float
     jump: Reset | None
     offset_m: float
@@ -120,7 +119,7 @@ def _battery(look: Look) -> str | None:
 
 def _number(look: Look) -> str | None:
     solution = look.solution
-    return None if solution is None or is_usable(solution) else "the law gave a number that is not finite"
+    return None if solution is None or is_usable(solution) else NOT_FINITE
 
 
 def _fence(look: Look) -> str | None:
@@ -130,7 +129,7 @@ def _fence(look: Look) -> str | None:
         outside_m = look.fence.outside_m(look.state.pose.position)
         if outside_m > 0.0:
             return f"{outside_m:.1f} m outside the fence"
-    if look.origin_ned_m is None or not look.ahead:
+    if look.origin_ned_m is None:
         return None
     ahead_s = look.guards.fence_ahead_s if look.in_control else look.guards.fence_plan_s
     after_s = leaves_after_s(
@@ -160,7 +159,11 @@ def _delay(look: Look) -> str | None:
         return None  # older still: another guard's
     age_s = (look.now_ns - look.state.attitude.instant_ns) * 1e-9
     limit_s = look.guards.delay_max_s
-    return None if age_s <= limit_s else f"the state comes {age_s:.2f} s late, {limit_s:g} s at most"
+    return (
+        None
+        if limit_s is None or age_s <= limit_s
+        else f"the state comes {age_s:.2f} s late, {limit_s:g} s at most"
+    )
 
 
 def _jump(look: Look) -> str | None:
@@ -224,11 +227,14 @@ def _late(look: Look) -> str | None:
     return None if look.late_s <= limit_s else f"setpoints {look.late_s * 1e3:.0f} ms late"
 
 
+#: Looked at before each setpoint, too: none is ever sent.
+NUMBER: Final = Guard("number", "the law: any number that is not finite", (), 0.0, False, _number)
+
 #: In the order in which they are believed: the first one that trips is the reason.
 GUARDS: Final = (
     Guard("failsafe", "HEARTBEAT: the autopilot's own failsafe acts (CRITICAL and above)", (), 0.0, True,
           _failsafe),
-    Guard("number", "the law: any number that is not finite", (), 0.0, False, _number),
+    NUMBER,
     Guard("fence", "vehicle and trajectory against polygon and band of depth",
           ("fence_ned_m", "fence_deg", "fence_down_min_m", "fence_down_max_m", "fence_ahead_s",
            "fence_plan_s"), 0.0, True, _fence),

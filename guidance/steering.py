@@ -89,4 +89,4 @@ class Steering:
                 return origin
             self._tracker.start(self.acts_ns(now_ns), origin)
         solution = self._tracker.solve(estimate)
-        return self._guards.before_sending(estimate, solution, now_ns) or solution
+        return self._guards.before_sending(solution, now_ns) or solution

@@ -159,10 +159,10 @@ def test_an_engage_command_that_could_not_be_obeyed_says_so() -> None:
     flight.run(3.0)
     flight.guide.command(Engage(), flight.now_ns)
     flight.run(4.9)
-    assert events_of(flight, "engage_expired") == []
+    assert events_of(flight, "order_expired") == []
     flight.run(10.0)
     why = "33.0 m from the start, engage_max_error_m is 5: go closer"
-    assert events_of(flight, "engage_expired") == [f"engage given up after 5 s: {why}"]
+    assert events_of(flight, "order_expired") == [f"engage given up after 5 s: {why}"]
 
 
 def drop_current_mode(flight: Lockstep) -> None:

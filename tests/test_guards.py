@@ -270,6 +270,19 @@ def test_a_low_battery_ends_the_flight_and_forbids_the_next(
     assert words in flight.guide.engagement.reason
 
 
+def test_a_battery_at_its_limit_does_not_come_and_go_as_a_condition() -> None:
+    flight = make_flight("supervisor.engage=pilot")
+    flight.run(5.0)
+    assert state_of(flight) is State.READY
+    for percent in 10 * (14, 15):
+        flight.guide.guards.heard(BatteryStatus(1, percent, 0))
+        flight.run(0.7)
+    assert state_of(flight) is State.CONNECTED
+    assert len(events_of(flight, "state_connected")) == 2, "found, and once for the battery"
+    flight.run(4.0)
+    assert state_of(flight) is State.READY
+
+
 def _critical() -> int:
     return 6
 
@@ -342,3 +355,9 @@ def test_the_readme_shows_the_guards_as_they_are() -> None:
     readme = README.read_text(encoding="utf-8")
     shown = readme.split(begin)[1].split(end)[0].strip()
     assert shown == table_markdown().strip(), f"README.md should say:\n\n{table_markdown()}"
+
+
+def test_a_limit_on_the_delay_that_could_never_act_is_refused() -> None:
+    words = r"guards.delay_max_s = 0.3: .* below link.attitude_timeout_s = 0.3"
+    with pytest.raises(ConfigError, match=words):
+        make_config("link.attitude_timeout_s=0.3", "guards.delay_max_s=0.3")

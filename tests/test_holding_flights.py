@@ -137,7 +137,7 @@ def test_a_flight_held_through_jumps_past_the_limit_does_not_go_on(firmware: tup
     flight.run(10.0)
     assert state_of(flight) is State.HOLDING
     assert setpoints_since(flight, held_ns) == []
-    assert "jump: estimator jumped by 16." in events_of(flight, "engage_expired")[-1]
+    assert "jump: estimator jumped by 16." in events_of(flight, "order_expired")[-1]
     order(flight, "abort")
     flight.run(1.0)
     order(flight, "engage")

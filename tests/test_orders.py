@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from guidance.changing import settings
+from guidance import guard_limits
+from guidance.changing import settings, with_setting, with_trajectory
 from guidance.commands import (
     Abort,
     Allocate,
@@ -355,3 +356,15 @@ def test_the_readme_says_in_which_states_each_is_accepted(name: str, given: Orde
     said, _, said_already = line.rpartition(" | ")[2].removesuffix(" |").partition("; already so: ")
     assert said == "every state" if len(fresh) == len(State) else set(said.split(", ")) == fresh
     assert set(filter(None, said_already.split(", "))) == already
+
+
+def test_a_gain_set_in_flight_does_not_plan_the_flight_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is decided on the control path, and 600 s against a fence of 100 corners take 50 ms."""
+    fence = "guards.fence_ned_m=[[-50, -50], [-50, 50], [50, 50], [50, -50]]"
+    config = make_config("flight.origin=ekf", fence)
+    asked: list[object] = []
+    monkeypatch.setattr(guard_limits, "leaves_after_s", lambda *found: asked.append(found))
+    assert with_setting(config, "law.k", 0.5).law.k == 0.5
+    assert asked == []
+    with_trajectory(config, CIRCLE_HERE.trajectory)
+    assert len(asked) == 1  # another flight

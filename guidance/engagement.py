@@ -80,9 +80,10 @@ class Engagement:
     def abort(self, now_ns: int) -> str | None:
         """The operator commands to end the flight; why that is refused, None if it is not."""
         refused = self._ask(Order.ABORT, now_ns)
-        if refused is None and self.state in (State.CONNECTED, State.READY):
-            self._requests.forget()  # nothing has begun that could be aborted, and nothing shall
-            self._auto = _Auto.SPENT
+        if refused is None:
+            self._auto = _Auto.SPENT  # also where engaging failed, which `auto` would try again
+            if self.state in (State.CONNECTED, State.READY):
+                self._requests.forget()  # nothing has begun that could be aborted, and nothing shall
         return refused
 
     def _ask(self, order: Order, now_ns: int) -> str | None:

@@ -14,7 +14,7 @@ from typing import Final
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.changing import settings
-from guidance.commands import Set
+from guidance.commands import Order, Set
 from guidance.component import PARAMETERS, as_real32, from_real32, order_of
 from guidance.engagement import Engagement
 from guidance.mavlink.asking import (
@@ -37,6 +37,9 @@ REPEAT_NS: Final = 10_000_000_000
 COPY_NS: Final = 2_000_000_000
 #: Between two PARAM_VALUEs: 20 a second are 760 bytes/s.
 PARAMETER_NS: Final = 50_000_000
+#: A refusal's reason takes up to five packets: so many reasons at once, and then one in so long.
+TEXTS_AT_ONCE: Final = 8
+TEXT_NS: Final = 250_000_000
 _TRANSMISSIONS_KEPT: Final = 256
 
 Told = tuple[Event | None, Answer]
@@ -56,6 +59,7 @@ class Ground:
         self._names = [name for name, key in PARAMETERS.items() if key in values]
         self._due: dict[int, None] = {}  # numbers of the parameters to tell, in order
         self._due_ns = 0
+        self._text_ns = 0  # when all the reasons so far would be told, one in `TEXT_NS`
         self._asked_once = False
         self._ids: dict[tuple[int, int, int, bytes, int], tuple[str, int]] = {}  # with the first one's ns
         self._newest: dict[tuple[int, int], tuple[int, int, int, bytes]] = {}  # order of each sender
@@ -101,7 +105,7 @@ class Ground:
             case CommandInt() as command:
                 self._acknowledge(frame, command.command, dialect.MAV_RESULT_COMMAND_LONG_ONLY)
             case ParamRequestList():
-                self._due = dict.fromkeys(range(len(self._names)))
+                self._due |= dict.fromkeys(range(len(self._names)))  # not from the start, lest it never ends
             case ParamRequestRead(number=number, name=name):
                 self._tell(number if number >= 0 else self._number(name))
             case ParamSet(name=name, value=value):
@@ -115,15 +119,14 @@ class Ground:
             return None
         if isinstance(wanted, str):
             self._acknowledge(frame, command.command, dialect.MAV_RESULT_DENIED)
-            self._refuse(wanted)
+            self._refuse(wanted, now_ns)
             return None
         if command.confirmation > 0 and self._overtaken(frame, now_ns):
             self._acknowledge(frame, command.command, dialect.MAV_RESULT_TEMPORARILY_REJECTED)
-            self._refuse("repeated, but another order came in between: send it anew")
+            self._refuse("repeated, but another order came in between: send it anew", now_ns)
             return None
         identity = self._id(frame, now_ns, repeats=command.confirmation > 0)
-        order = wanted(id=identity, source=_source(frame))
-        told = self._orders.carry_out(order, now_ns)
+        told = self._carry_out(wanted(id=identity, source=_source(frame)), now_ns)
         accepted = told[1].accepted
         self._acknowledge(
             frame,
@@ -131,24 +134,29 @@ class Ground:
             dialect.MAV_RESULT_ACCEPTED if accepted else dialect.MAV_RESULT_TEMPORARILY_REJECTED,
         )
         if not accepted:
-            self._refuse(f"{told[1].order} refused: {told[1].reason}")
+            self._refuse(f"{told[1].order} refused: {told[1].reason}", now_ns)
         return told
+
+    def _carry_out(self, order: Order, now_ns: int) -> Told:
+        """The id is ours: what repeats is the same order, though it would mean another by now."""
+        before = self._orders.again(order.source, order.id, now_ns)
+        return self._orders.carry_out(order, now_ns) if before is None else (None, before)
 
     def _set(self, frame: Frame, name: str, value: float | None, now_ns: int) -> Told | None:
         number = self._number(name)
         if number is None:
             if not name.startswith("_"):  # such as _HASH_CHECK, which only an autopilot has
-                self._refuse(f"there is no parameter {name}")
+                self._refuse(f"there is no parameter {name}", now_ns)
             return None
         self._tell(number)  # what it is then, new or old
         if value is None:
-            self._refuse(f"{name} is a REAL32")
+            self._refuse(f"{name} is a REAL32", now_ns)
             return None
         key, identity = PARAMETERS[name], self._id(frame, now_ns, repeats=False)
         order = Set(id=identity, source=_source(frame), key=key, value=from_real32(name, value))
-        told = self._orders.carry_out(order, now_ns)
+        told = self._carry_out(order, now_ns)
         if not told[1].accepted:
-            self._refuse(f"{name}: {told[1].reason}")
+            self._refuse(f"{name}: {told[1].reason}", now_ns)
         return told
 
     def _number(self, name: str) -> int | None:
@@ -187,7 +195,11 @@ class Ground:
             dialect.MAVLink_command_ack_message(command, result, 0, 0, frame.system, frame.component)
         )
 
-    def _refuse(self, why: str) -> None:
+    def _refuse(self, why: str, now_ns: int) -> None:
+        if self._text_ns > now_ns + (TEXTS_AT_ONCE - 1) * TEXT_NS:
+            self._link.company.counters["refusals_not_said"] += 1
+            return
+        self._text_ns = max(self._text_ns, now_ns) + TEXT_NS
         self._link.outbox.long_text(dialect.MAV_SEVERITY_WARNING, f"guidance: {why}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from math import inf
 from typing import Annotated, Final
 
@@ -131,7 +132,7 @@ def guard_conflicts(
         fence = Fence(tuple(profile.project((*at, origin[2]), origin)[:2] for at in corners))
     if fence is None or fence == Fence():
         return
-    after_s = leaves_after_s(fence, trajectory, Vec3(0.0, 0.0, 0.0), 0.0, config.fence_plan_s)
+    after_s = _planned(fence, trajectory, config.fence_plan_s)
     if after_s is not None:
         yield Problem(
             "guards.fence_plan_s",
@@ -140,6 +141,14 @@ def guard_conflicts(
         )
 
 
+@lru_cache(maxsize=16)
+def _planned(fence: Fence, trajectory: Trajectory, seconds: float) -> float | None:
+    """When the flight leaves the fence. Looked for once, as this takes longer than a gain may that is set in
+    flight."""
+    return leaves_after_s(fence, trajectory, Vec3(0.0, 0.0, 0.0), 0.0, seconds)
+
+
+@lru_cache(maxsize=16)
 def _wrong_with(corners: tuple[Corner, ...], *, degrees: bool) -> str | None:
     if len(corners) < 3:
         return f"{len(corners)} corners make no fence: at least 3"

@@ -48,7 +48,9 @@ class Guards:
         self.rebooted()
 
     def reconfigure(self, config: Config) -> None:
-        """Limits and trajectory are these from now on."""
+        """Limits and trajectory are these from now on; another trajectory is looked at before it is flown."""
+        if config.trajectory != self._config.trajectory:
+            self._looked_ns = -_PLAN_NS
         self._config = config
 
     def rebooted(self) -> None:

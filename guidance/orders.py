@@ -1,7 +1,7 @@
 """What the operator orders and the vehicle reports: obeyed or refused, and told as records.
 
 Every order is answered (`Answer`) and told (`Event`); one whose id was answered before is answered the same
-and does nothing. What is refused leaves everything as it was.
+and does nothing, and another order by that id is refused. What is refused leaves everything as it was.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Orders:
         self._tracker = tracker
         self._profile = profile_of(config)
         self._ending = False
-        self._answers: dict[tuple[str, str], Answer] = {}
+        self._answers: dict[tuple[str, str], tuple[Order, Answer]] = {}
 
     def obey(self, text: str, now_ns: int) -> tuple[Event | None, Answer]:
         """An order as it entered the core."""
@@ -75,9 +75,14 @@ class Orders:
     def carry_out(self, order: Order, now_ns: int) -> tuple[Event | None, Answer]:
         """What became of it; no event if it was answered before."""
         who = (order.source, order.id)
-        if order.id and who in self._answers:
-            return None, replace(self._answers[who], t_ns=now_ns, repeated=True)
-        outcome = self._outcome(order, now_ns)
+        before = self._answers.get(who) if order.id else None
+        if before is not None and before[0] == order:
+            return None, _repeated(before[1], now_ns)
+        if before is None:
+            outcome = self._outcome(order, now_ns)
+        else:  # to say "accepted" of the other one would be worse than to refuse
+            used = f"id {order.id} was another order's ({verb_of(before[0])}): give each order its own"
+            outcome = _refused(verb_of(order), used)
         answer = Answer(
             t_ns=now_ns,
             order=verb_of(order),
@@ -86,13 +91,18 @@ class Orders:
             accepted=outcome.accepted,
             reason=outcome.reason,
         )
-        if order.id:
-            self._answers[who] = answer
+        if order.id and before is None:
+            self._answers[who] = order, answer
             if len(self._answers) > ANSWERS_KEPT:
                 del self._answers[next(iter(self._answers))]
         level = Level.NOTICE if outcome.accepted else Level.WARNING
         by = f" (by {order.source})" if order.source else ""
         return _event(now_ns, level, outcome.code, outcome.text + by), answer
+
+    def again(self, source: str, identity: str, now_ns: int) -> Answer | None:
+        """What the order of this id was answered, whatever it was; None if there was none, or long ago."""
+        known = self._answers.get((source, identity))
+        return None if known is None else _repeated(known[1], now_ns)
 
     def _outcome(self, order: Order, now_ns: int) -> _Outcome:
         match order:
@@ -199,6 +209,10 @@ def _allocation(name: str, tracker: Tracker) -> _Outcome:
     if refused is None:
         return _Outcome(True, "allocated", f"turning by {name}", "")
     return _Outcome(False, "allocation_refused", f"{name} refused: {refused}", refused)
+
+
+def _repeated(answer: Answer, now_ns: int) -> Answer:
+    return replace(answer, t_ns=now_ns, repeated=True)
 
 
 def _said(value: Scalar) -> str:

@@ -1,7 +1,8 @@
 """What the operator asks of a flight: taken, taken as done already, or refused in words.
 
 A request that cannot be obeyed at once (a condition is not met) waits, and is given up after a time. It never
-acts twice: every change of state but those before engaging ends it.
+acts twice: every change of state but those before engaging ends it. To hold and to abort takes back what
+waits, even where there is nothing else to do; nothing takes back an abort.
 """
 
 from __future__ import annotations
@@ -56,9 +57,15 @@ class Requests:
         """It is asked in `state`; why that is refused, None if it is not."""
         if order is Order.ENGAGE and (state in ENGAGING or state is State.TRACKING):
             return f"engage ignored: already {state}"
-        if state not in OBEYED[order] | DONE[order]:
+        waiting = self._order if now_ns < self._until_ns else None
+        if waiting is Order.ABORT and order is not Order.ABORT:
+            return f"{order} refused: {state}: an abort was ordered"
+        takes_back = order is Order.ABORT and waiting is Order.ENGAGE
+        if state not in OBEYED[order] | DONE[order] and not takes_back:
             why = reason if state is State.DISCONNECTED else _REFUSED[order]
             return f"{order} refused: {state}: {why}"
+        if order in (Order.HOLD, Order.ABORT):
+            self._order = None
         if state in OBEYED[order]:
             self._order, self._until_ns = order, now_ns + round(self._timeout_s * 1e9)
         return None

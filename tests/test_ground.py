@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
 from guidance.component import CUSTOM_MODES
-from guidance.ground import REPEAT_NS
+from guidance.ground import REPEAT_NS, TEXT_NS, TEXTS_AT_ONCE
 from guidance.mavlink.codec import PacketWriter, Payload
 from guidance.mavlink.outbox import Outbox
 from guidance.mavlink.signing import KEY_BYTES
@@ -19,7 +19,7 @@ from guidance.replay import replay
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
 from sitl.logbook import LogBook
-from tests.ground_station import COMPONENT, MAY, PILOT, GroundStation, ready, texts_of
+from tests.ground_station import COMPONENT, MAY, PILOT, GroundStation, ready, texts_of, tracking
 from tests.helpers import (
     events_of,
     fly_until,
@@ -140,6 +140,34 @@ def test_a_command_is_obeyed_once_however_often_it_is_transmitted() -> None:
     # Not confirmed anew but ordered anew: another order, of another packet.
     assert ground.command(MODE, CUSTOM, ENGAGE) == [(MODE, OK)]
     assert answers(flight)[-1] == ("engage", True, False)
+
+
+def test_a_transmission_repeated_after_a_resume_is_answered_the_same() -> None:
+    """DO_SET_MODE to `tracking` resumes what is held; by the time that it comes again it would engage."""
+    flight, ground = tracking()
+    ground.command(PAUSE, 0.0)
+    fly_until(flight, State.HOLDING)
+    assert ground.command(MODE, CUSTOM, ENGAGE) == [(MODE, OK)]
+    fly_until(flight, State.STREAMING)
+    assert ground.command(MODE, CUSTOM, ENGAGE, confirmation=1) == [(MODE, OK)]
+    assert answers(flight)[-2:] == [("resume", True, False), ("resume", True, True)]
+
+
+def test_a_flood_of_refused_commands_is_not_answered_by_a_flood_of_texts() -> None:
+    """An answer may need five packets, on a line that must carry the setpoints."""
+    flight, ground = ready()
+    ground.hear()
+    start_ns = flight.now_ns
+    for _ in range(400):
+        ground.say(mavlink.MAVLink_command_long_message(1, COMPONENT, PAUSE, 0, 0, 0, 0, 0, 0, 0, 0))
+        flight.run(0.005)
+    seconds = (flight.now_ns - start_ns) * 1e-9
+    heard = ground.hear()
+    assert sum(m.get_type() == "COMMAND_ACK" for m in heard) == 400  # each is answered all the same
+    texts = texts_of(heard)
+    assert set(texts) == {"guidance: hold refused: ready: not tracking"}
+    assert 5 <= len(texts) <= TEXTS_AT_ONCE + seconds / (TEXT_NS * 1e-9) + 1
+    assert flight.guide.link.company.counters["refusals_not_said"] == 400 - len(texts)
 
 
 def test_a_first_transmission_that_was_lost_is_made_up_for() -> None:

@@ -42,6 +42,16 @@ def test_the_list_comes_paced_complete_and_true_and_no_setpoint_waits_for_it() -
     assert max(b - a for a, b in pairwise(setpoints_since(flight, start_ns))) <= 21_000_000
 
 
+def test_a_list_asked_for_again_and_again_is_told_to_its_end() -> None:
+    flight, ground = tracking()
+    ground.hear()
+    for _ in range(30):
+        ground.say(mavlink.MAVLink_param_request_list_message(1, 0))
+        flight.run(0.1)
+    values = ground.hear("PARAM_VALUE")
+    assert {v.param_index for v in values} == set(range(values[0].param_count))
+
+
 def test_one_is_asked_for_by_name_and_by_number() -> None:
     flight, ground = ready()
     ground.hear()

@@ -267,3 +267,58 @@ def test_the_pilots_act_comes_before_a_guard_and_an_order(profile: Profile) -> N
     it.see(custom_mode=mode(profile, "manual"), trip=Trip("speed", "too fast", profile.mode("hold")))
     assert it.state() is State.HANDED_OVER
     assert it.command() is None
+
+
+# Orders against one that waits ------------------------------------------------------------------------
+
+
+@BOTH
+def test_a_hold_takes_back_a_resume_that_waits(profile: Profile) -> None:
+    it = held(profile)
+    it.see(blocked="no position")
+    assert it.it.resume(it.now_ns[0]) is None
+    it.see()
+    assert it.it.hold(it.now_ns[0]) is None  # held already, and so it stays
+    it.see(blocked=None)
+    assert it.state() is State.HOLDING
+
+
+@BOTH
+@pytest.mark.parametrize("name", ["hold", "resume"])
+def test_nothing_takes_back_an_abort_that_waits(profile: Profile, name: str) -> None:
+    """Two orders in one read are both asked before anything follows from either."""
+    it = held(profile) if name == "resume" else bench(profile)
+    if name == "hold":
+        it.reach(State.TRACKING)
+    assert it.it.abort(it.now_ns[0]) is None
+    refused = getattr(it.it, name)(it.now_ns[0])
+    assert refused == f"{name} refused: {it.state()}: an abort was ordered"
+    assert it.see()[-1].event is Event.ABORT
+
+
+@BOTH
+@pytest.mark.parametrize("state", [State.WITHHELD, State.HANDED_OVER, State.ABORTED])
+def test_an_abort_takes_back_an_engage_that_waits(profile: Profile, state: State) -> None:
+    it = bench(profile)
+    it.see()
+    it.it.state = state
+    assert it.engage() is None
+    assert it.it.abort(it.now_ns[0]) is None
+    for _ in range(400):
+        it.see()
+        assert it.state() in (state, State.CONNECTED, State.READY)
+
+
+@BOTH
+def test_an_abort_where_engaging_failed_keeps_auto_from_trying_again(profile: Profile) -> None:
+    it = bench(profile, "auto")
+    it.see()
+    it.see(after_s=6.0)
+    assert it.state() is State.ABORTED, it.reason()  # no stream came about
+    assert it.it.abort(it.now_ns[0]) is None
+    for _ in range(400):
+        it.see()
+        assert it.state() in (State.ABORTED, State.CONNECTED, State.READY)
+    assert it.engage() is None
+    it.see()
+    assert it.state() is State.STREAMING

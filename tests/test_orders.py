@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from guidance.changing import settings
+from guidance import guard_limits
+from guidance.changing import settings, with_setting, with_trajectory
 from guidance.commands import (
     Abort,
     Allocate,
@@ -42,6 +43,7 @@ from tests.helpers import (
 )
 
 CIRCLE = LoadTrajectory(trajectory={"name": "circle", "radius_m": 4})
+CIRCLE_HERE = LoadTrajectory(trajectory={"name": "circle", "radius_m": 0.5, "speed_m_s": 0.2})
 ENGAGING = {State.STREAMING, State.SWITCHING, State.ARMING}
 ALREADY = {
     Engage: ENGAGING | {State.TRACKING},
@@ -148,6 +150,21 @@ def test_one_id_is_obeyed_once_and_answered_the_same() -> None:
     assert order(orders, bad).reason == order(orders, bad).reason
     # Without an id, the same twice is the same already.
     assert order(orders, Set(key="law.k", value=0.6)).reason == "law.k = 0.6 already"
+
+
+def test_an_id_is_for_one_order_only() -> None:
+    """An abort that borrows the id of an engage must not be told that it was accepted."""
+    orders, tracker, _ = desk(State.READY)
+    assert order(orders, Engage(id="1", source="zenoh ada")).accepted
+    event, answer = orders.carry_out(Abort(id="1", source="zenoh ada"), 2)
+    assert event is not None
+    assert event.code == "abort_refused"
+    assert (answer.order, answer.accepted, answer.repeated) == ("abort", False, False)
+    assert answer.reason == "id 1 was another order's (engage): give each order its own"
+    assert order(orders, Engage(id="1", source="zenoh ada")).repeated  # which keeps it
+    assert order(orders, Set(id="2", key="law.k", value=0.5)).accepted
+    assert not order(orders, Set(id="2", key="law.k", value=0.6)).accepted
+    assert tracker._parameters.gains.k == 0.5
 
 
 def test_so_many_answers_are_kept_and_no_more() -> None:
@@ -265,6 +282,23 @@ def test_the_guards_go_by_what_is_set_and_loaded() -> None:
     assert flight.guide.engagement.reason.startswith("fence")
 
 
+def test_a_trajectory_loaded_and_engaged_in_one_breath_is_held_to_the_fence() -> None:
+    """The guards look ahead every 0.5 s before a flight; engaging takes less."""
+    fence = "guards.fence_ned_m=[[-50, -50], [-50, 50], [50, 50], [50, -50]]"
+    where = ("supervisor.engage=pilot", "supervisor.arm=true", "flight.origin=engage")
+    flight = make_flight(*where, fence, "guards.fence_plan_s=120")
+    out: dict[str, Scalar] = {"name": "line", "speed_m_s": 0.9}  # from x = -10 m: outside after 67 s
+    for attempt in range(12):
+        fly_until(flight, State.READY)
+        flight.run(0.05 * attempt)
+        flight.guide.command(LoadTrajectory(trajectory=out), flight.now_ns)
+        flight.guide.command(Engage(), flight.now_ns)
+        assert not flight.run(2.0, until=lambda: state_of(flight) is State.STREAMING)
+        assert flight.guide.engagement.reason.startswith("fence: the trajectory leaves")
+        flight.guide.command(Abort(), flight.now_ns)
+        flight.guide.command(CIRCLE_HERE, flight.now_ns)
+
+
 def test_no_setpoint_is_ever_outside_the_limits_of_its_instant() -> None:
     """Whatever is set in flight, in whatever order; refused values change nothing."""
     dice = random.Random(7)
@@ -322,3 +356,15 @@ def test_the_readme_says_in_which_states_each_is_accepted(name: str, given: Orde
     said, _, said_already = line.rpartition(" | ")[2].removesuffix(" |").partition("; already so: ")
     assert said == "every state" if len(fresh) == len(State) else set(said.split(", ")) == fresh
     assert set(filter(None, said_already.split(", "))) == already
+
+
+def test_a_gain_set_in_flight_does_not_plan_the_flight_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is decided on the control path, and 600 s against a fence of 100 corners take 50 ms."""
+    fence = "guards.fence_ned_m=[[-50, -50], [-50, 50], [50, 50], [50, -50]]"
+    config = make_config("flight.origin=ekf", fence)
+    asked: list[object] = []
+    monkeypatch.setattr(guard_limits, "leaves_after_s", lambda *found: asked.append(found))
+    assert with_setting(config, "law.k", 0.5).law.k == 0.5
+    assert asked == []
+    with_trajectory(config, CIRCLE_HERE.trajectory)
+    assert len(asked) == 1  # another flight

@@ -17,12 +17,20 @@ from typer.testing import CliRunner
 
 from guidance import ordering
 from guidance.cli import app
-from guidance.commands import Engage, Order
+from guidance.commands import PAYLOAD_BYTES_MAX, Engage, Order
 from guidance.ordering import NoAnswerError, ask, fields_of
 from guidance.records import Answer
 from guidance.shell import Shell
 from guidance.telemetry import zenoh_orders
-from guidance.telemetry.zenoh_orders import ANSWER_NS, OBEY_NS, WAITING_MAX, OrderQueries, Reply
+from guidance.telemetry.zenoh_orders import (
+    ANSWER_NS,
+    HELD_UP_NS,
+    OBEY_NS,
+    SETTLED_NS,
+    WAITING_MAX,
+    OrderQueries,
+    Reply,
+)
 from guidance.telemetry.zenoh_sink import ZenohSink, zenoh_config
 from tests.service_rig import PATIENCE_S, running
 
@@ -218,7 +226,11 @@ class _Query:
         self.replies: list[Reply] = []
         self.dropped = False
 
+    def __len__(self) -> int:
+        return len(self._payload)
+
     def to_bytes(self) -> bytes:
+        assert len(self) <= PAYLOAD_BYTES_MAX
         return self._payload
 
     def reply(self, key: str, payload: bytes, *, encoding: object) -> None:
@@ -295,6 +307,72 @@ def test_no_more_wait_than_may(desk: _Desk) -> None:
         desk.ask()
     assert desk.ask().replies[0].reason == "32 orders wait already"
     assert len(desk.handed) == WAITING_MAX
+
+
+def test_a_payload_that_is_no_line_is_not_even_copied(desk: _Desk) -> None:
+    query = desk.ask(payload=bytes(PAYLOAD_BYTES_MAX + 1))
+    assert query.replies[0].reason == "4097 bytes: an order has at most 4096"
+
+
+def test_what_may_have_waited_while_all_stood_still_takes_no_control(desk: _Desk) -> None:
+    """Who asked was told that nobody answers, and does not expect that it engages now."""
+    desk.it.come_round()
+    desk.now_ns += HELD_UP_NS - 1
+    desk.it.come_round()
+    assert desk.ask("engage").replies == []
+    desk.now_ns += HELD_UP_NS
+    desk.it.come_round()
+    for verb in ("engage", "resume", "shutdown"):
+        assert desk.ask(verb).replies[0].reason.startswith("the service was held up")
+    assert [desk.ask(verb).replies for verb in ("hold", "abort")] == [[], []]
+    desk.now_ns += SETTLED_NS
+    desk.it.come_round()
+    assert desk.ask("engage").replies == []
+    desk.now_ns += 100 * S
+    desk.it.opened()  # there was no session meanwhile
+    desk.it.come_round()
+    assert desk.ask("engage").replies == []
+
+
+def test_the_sink_notices_that_it_was_held_up(endpoint: str) -> None:
+    now_ns = 0
+    waits: list[Any] = []
+
+    class Ring:
+        def try_recv(self) -> Any:
+            return waits.pop() if waits else None
+
+    sink = ZenohSink("uuv-1", listen=[endpoint], commands=True, clock_ns=lambda: now_ns)
+    handed: list[Order] = []
+    sink.orders_to(lambda order, until_ns: handed.append(order))
+    now_ns = 5 * S
+    assert sink._ready()  # opened after 5 s, which held nobody up
+    ring: Any = Ring()
+    sink._queryable = ring
+    waits.append(_Query("engage"))
+    sink._turn()
+    assert len(handed) == 1
+    now_ns += 5 * S
+    late: Any = _Query("engage")
+    waits.append(late)
+    sink._turn()
+    assert late.replies[0].reason.startswith("the service was held up")
+    assert len(handed) == 1
+    assert sink._finish()
+
+
+def test_a_session_that_dies_at_the_end_is_no_internal_error(endpoint: str) -> None:
+    opened: list[Any] = []
+
+    def opening(config: zenoh.Config) -> zenoh.Session:
+        opened.append(zenoh.open(config))
+        session: zenoh.Session = opened[-1]
+        return session
+
+    sink = ZenohSink("demo", listen=[endpoint], open_session=opening)
+    assert sink._ready()
+    opened[0].close()
+    assert sink._finish()
 
 
 def test_who_waits_at_the_end_is_told(desk: _Desk) -> None:

@@ -3,7 +3,8 @@
 Everything here runs in the sink's own thread. A query is read, handed over to the control loop without
 waiting, and kept; it is answered when the loop's `Answer` comes by like any other record. Each is answered:
 with {"accepted": ..., "reason": ..., "id": ..., "repeated": ...}, at the latest when its time is over. The
-loop does not obey an order that it gets too late, so that "not answered" never means "obeyed later".
+loop does not obey an order that it gets too late, so that "not answered" never means "obeyed later". Nor is
+one obeyed that may have waited here while all of us stood still (SIGSTOP, a stuck call): who asked gave up.
 
 The key must be written out: a query for `guidance/*/command/engage` orders nothing.
 """
@@ -18,7 +19,7 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
-from guidance.commands import VERBS, Order, OrderError, read_payload
+from guidance.commands import PAYLOAD_BYTES_MAX, VERBS, Abort, Hold, Order, OrderError, read_payload
 from guidance.printable import printable
 from guidance.records import Answer
 
@@ -31,6 +32,9 @@ OBEY_NS: Final = 1_000_000_000
 ANSWER_NS: Final = 2_000_000_000
 #: So many orders may wait at once.
 WAITING_MAX: Final = 32
+#: Who comes round so late finds queries that may be as old; so long after that, some may still come in.
+HELD_UP_NS: Final = 1_000_000_000
+SETTLED_NS: Final = 500_000_000
 _SOURCE_CHARACTERS: Final = 80
 
 
@@ -59,8 +63,19 @@ class OrderQueries:
         self._enabled = enabled
         self._clock_ns = clock_ns
         self._waiting: list[_Waiting] = []
+        self._round_ns = self._settled_ns = clock_ns()
         self._encode = msgspec.json.Encoder().encode
         self._decode = msgspec.json.Decoder(Answer).decode
+
+    def opened(self) -> None:
+        """A session was opened: no query is older."""
+        self._round_ns = self._clock_ns()
+
+    def come_round(self) -> None:
+        """To be called before the queries that wait are taken, again and again."""
+        before_ns, self._round_ns = self._round_ns, self._clock_ns()
+        if self._round_ns - before_ns >= HELD_UP_NS:
+            self._settled_ns = self._round_ns + SETTLED_NS
 
     def take(self, query: zenoh.Query) -> bool:
         """Whether the query is an order; if so it is handed over, or answered with why not."""
@@ -77,12 +92,16 @@ class OrderQueries:
             return "orders by zenoh are off (zenoh.commands = false in the vehicle's configuration)"
         if "*" in verb or "$" in verb:
             return f"name one order: {', '.join(VERBS)}"
+        if query.payload is not None and len(query.payload) > PAYLOAD_BYTES_MAX:  # before it is copied
+            return f"{len(query.payload)} bytes: an order has at most {PAYLOAD_BYTES_MAX}"
         if len(self._waiting) >= WAITING_MAX:
             return f"{WAITING_MAX} orders wait already"
         try:
             order = read_payload(verb, b"" if query.payload is None else query.payload.to_bytes())
         except OrderError as error:
             return str(error)
+        if self._clock_ns() < self._settled_ns and not isinstance(order, Hold | Abort):  # these are safe late
+            return "the service was held up, and this may be an old order: order again"
         source = f"zenoh {printable(order.source)}"[:_SOURCE_CHARACTERS].strip()
         order = replace(order, id=order.id or uuid.uuid4().hex, source=source)
         now_ns = self._clock_ns()

@@ -186,6 +186,7 @@ class ZenohSink(ThreadedSink):
         except zenoh.ZError as error:
             self._abandon(f"cannot open a session: {brief(error)}")
             return
+        self._orders.opened()
         self._trouble = ""
         self._retry_s = FIRST_RETRY_S
         self._look_ns = self._clock_ns() + _LOOK_NS
@@ -238,6 +239,7 @@ class ZenohSink(ThreadedSink):
 
     def _answer_queries(self) -> None:
         assert self._queryable is not None
+        self._orders.come_round()
         for _ in range(_WAITING_QUERIES):
             query = self._queryable.try_recv()
             if query is None:
@@ -264,8 +266,9 @@ class ZenohSink(ThreadedSink):
         session, self._session = self._session, None
         if session is None:
             return False
-        self._answer_queries()
-        self._orders.finish()
+        with suppress(zenoh.ZError):  # it died just now, and who asked with it
+            self._answer_queries()
+            self._orders.finish()
         close_quietly(session)
         return True
 

@@ -194,8 +194,9 @@ class Flight:
         self.line.guide.command(Hold(), self.line.now_ns)
 
     def resume(self) -> None:
-        """The operator commands to go on."""
-        self.witness.permit(self.line.now_ns)
+        """The operator commands to go on, which permits nothing where nothing is held."""
+        if self.state is State.HOLDING:
+            self.witness.permit(self.line.now_ns)
         self.line.guide.command(Resume(), self.line.now_ns)
 
     def abort(self) -> None:

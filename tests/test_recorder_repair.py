@@ -33,7 +33,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     with pytest.MonkeyPatch.context() as patch:  # all the schemas are ten times as long
         patch.setattr("guidance.telemetry.mcap_writer.RECORDS", {"state": RECORDS["state"]})
         directory = tmp_path_factory.mktemp("small")
-        return record_all(directory, samples, chunk_bytes=900, foxglove=False).read_bytes()
+        return record_all(directory, samples, chunk_bytes=700, foxglove=False).read_bytes()
 
 
 class Unsynced(FoundFile):

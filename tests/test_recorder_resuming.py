@@ -67,6 +67,24 @@ def test_a_directory_that_was_removed_is_made_again(tmp_path: Path) -> None:
     assert removed.sink.problem == ""
 
 
+def test_a_log_that_was_removed_in_flight_goes_on_in_another_file(tmp_path: Path) -> None:
+    """An operator makes room, and takes the open one with the others."""
+
+    class Removed(Paced):
+        def waited(self) -> None:
+            if 2.0 < self.now_ns * 1e-9 < 2.1:
+                self.sink.path.unlink(missing_ok=True)
+
+    samples = [SESSION, *(sample(number * 10) for number in range(1, 2000))]
+    removed = Removed(tmp_path, samples)
+    (path,) = removed.run(complete=False)
+    messages, damage = readable(path)
+    assert damage is None
+    assert len(messages) > 500
+    assert any("ends early: No such file" in text for text in removed.problems)
+    assert removed.sink.problem == ""
+
+
 class Failing(DiskFile):
     """A disk that takes nothing from the second file on."""
 

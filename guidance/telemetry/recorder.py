@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from guidance.records import SCHEMA_VERSION, TOPICS, Lost, Session
-from guidance.telemetry.disk_file import DiskFile, LogFile
+from guidance.telemetry.disk_file import DiskFile, LogFile, sync_directory
 from guidance.telemetry.foxglove_view import View
 from guidance.telemetry.log import CONTINUED_IN, ENDED_EARLY, PART
 from guidance.telemetry.log_keeper import Keeper, log_name
@@ -150,6 +150,7 @@ class Recorder(ThreadedSink):
         path = self._path_of(part)
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
+            sync_directory(self._directory.parent)
             if self._keeper is not None:
                 self._keeper.look()
             short = self._short_of_space(_AGAIN_BYTES if self._trouble else 0)
@@ -274,6 +275,7 @@ class Recorder(ThreadedSink):
         if log is None:
             return
         try:
+            self._path.stat()  # a file that was removed takes on what nobody will ever read
             short = self._short_of_space()
             if short:
                 self._trouble = _full(short)

@@ -165,7 +165,7 @@ def _restarts() -> list[Fault]:
 
 
 def _held() -> list[Fault]:
-    """On hold the autopilot flies by itself: whatever fails then, it goes on holding."""
+    """On hold the autopilot flies by itself: whatever fails, it goes on holding; and the way there."""
 
     def out(firmware: Firmware, *states: State, never: Never = Never.TRACKS) -> Expected:
         return Expected(
@@ -197,6 +197,18 @@ def _held() -> list[Fault]:
                 steps=silence(5.0),
                 expected=out(firmware, State.READY),
                 seconds=13.0,
+            ),
+            Fault(
+                title="a gap of 1.5 s while pausing: a stream that came back would take control",
+                firmware=firmware,
+                begin=State.PAUSING,
+                steps=silence(1.5),
+                expected=Expected(
+                    frozenset({State.HANDED_OVER if firmware is PX4 else State.ABORTED}),
+                    may=SILENCE,
+                    modes=LEFT_ALONE[firmware],
+                    never=frozenset({Never.TRACKS}),
+                ),
             ),
             Fault(
                 title="the service is killed while holding and is back at once",

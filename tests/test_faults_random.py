@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from guidance.supervisor import State
@@ -65,6 +65,9 @@ FAULTS: Final[dict[str, Callable[[], Action]]] = {
     "kill": lambda: Flight.kill_and_restart,
     "stop": lambda: Flight.shut_down,
     "engage": lambda: Flight.engage,
+    "pause": lambda: Flight.hold,
+    "resume": lambda: Flight.resume,
+    "abort": lambda: Flight.abort,
     "manual": lambda: chosen("manual"),
     "hold": lambda: chosen("hold"),
     "control": lambda: chosen("control"),
@@ -85,8 +88,12 @@ def test_no_sequence_of_faults_breaks_what_must_hold(firmware: Firmware) -> None
     config = configured(firmware, *AUTO)
     ends: set[State] = set()
 
-    @settings(max_examples=40)
+    @settings(max_examples=25)
     @given(STEPS, st.integers(0, 9))
+    @example([("kill", 1.6), ("sound", 1.6), ("engage", 1.6)], 0)
+    @example([("pause", 1.6), ("dirty", 0.7), ("resume", 1.6), ("disarm", 1.6)], 0)
+    @example([("pause", 0.03), ("silence", 1.6), ("sound", 0.7), ("resume", 1.6)], 0)
+    @example([("refusal", 0.03), ("abort", 0.2), ("kill", 1.6), ("stop", 1.6)], 0)
     def explore(steps: list[tuple[str, float]], seed: int) -> None:
         flight = Flight(config, {}, seed)
         assert flight.run(5.0, until=State.TRACKING)
@@ -100,3 +107,4 @@ def test_no_sequence_of_faults_breaks_what_must_hold(firmware: Firmware) -> None
 
     explore()
     assert ends >= {State.TRACKING, State.HANDED_OVER, State.DISCONNECTED, State.FINISHED, State.WITHHELD}
+    assert ends >= {State.HOLDING, State.ABORTED}

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
-import os
-import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,7 +17,7 @@ from guidance.records import TOPICS
 from guidance.replay import replay
 from guidance.service import new_session
 from guidance.telemetry import Sample
-from guidance.telemetry.disk_file import DiskFile, FoundFile
+from guidance.telemetry.disk_file import FoundFile
 from guidance.telemetry.log import MAGIC, PREFIX, LogDamaged, read_log, read_metadata
 from guidance.telemetry.log_repair import INTERRUPTED, NotOurs, close_log
 from guidance.telemetry.schema import RECORDS
@@ -32,11 +29,11 @@ from tests.recorder_rig import Message, Paced, as_messages, readable, record_all
 def small(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A log of several chunks, one of which declares a channel of its own."""
     # Instants go back and forth: the last chunk does not hold the latest one.
-    samples = [sample(number ^ 32, "stranger" if number == 30 else "state", size=3) for number in range(60)]
+    samples = [sample(number ^ 16, "stranger" if number == 30 else "state", size=3) for number in range(44)]
     with pytest.MonkeyPatch.context() as patch:  # all the schemas are ten times as long
         patch.setattr("guidance.telemetry.mcap_writer.RECORDS", {"state": RECORDS["state"]})
         directory = tmp_path_factory.mktemp("small")
-        return record_all(directory, samples, chunk_bytes=900, foxglove=False).read_bytes()
+        return record_all(directory, samples, chunk_bytes=700, foxglove=False).read_bytes()
 
 
 class Unsynced(FoundFile):
@@ -334,43 +331,3 @@ def _stopping_after(turns: int) -> Callable[[], None]:
             raise KeyboardInterrupt
 
     return pause
-
-
-def test_a_new_file_is_locked_empty_and_its_name_on_the_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "new.mcap"
-    flock, fsync, synced = fcntl.flock, os.fsync, []
-
-    def late(descriptor: int, how: int) -> None:
-        if how == fcntl.LOCK_EX:  # another service took it for an unfinished log, before it was locked
-            path.write_bytes(b"closed as an empty log")
-        flock(descriptor, how)
-
-    def told(descriptor: int) -> None:
-        synced.append(stat.S_ISDIR(os.fstat(descriptor).st_mode))
-        fsync(descriptor)
-
-    monkeypatch.setattr(fcntl, "flock", late)
-    monkeypatch.setattr(os, "fsync", told)
-    with DiskFile(path) as file:
-        file.write(b"log")
-        with pytest.raises(BlockingIOError):
-            FoundFile(path)
-    assert path.read_bytes() == b"log"
-    assert synced == [True]
-
-
-def test_the_recorder_too_writes_its_footer_last(tmp_path: Path) -> None:
-    done: list[str] = []
-
-    class Told(DiskFile):
-        def write(self, data: bytes, /) -> int:  # type: ignore[override]
-            done.append("footer" if data.endswith(MAGIC) else "rest")
-            return super().write(data)
-
-        def sync(self) -> None:
-            done.append("sync")
-
-    record_all(tmp_path, [sample(0)], open_file=Told)
-    assert done[-4:] == ["rest", "sync", "footer", "sync"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -12,10 +14,11 @@ from typing import Any
 
 import pytest
 
-from guidance.telemetry.disk_file import DiskFile, LogFile
+from guidance.telemetry.disk_file import DiskFile, FoundFile, LogFile
+from guidance.telemetry.log import MAGIC
 from guidance.telemetry.log_keeper import Keeper
 from guidance.telemetry.recorder import Rotation
-from tests.recorder_rig import CLOSE_S, Paced, readable, recorder, sample
+from tests.recorder_rig import CLOSE_S, Paced, readable, record_all, recorder, sample
 
 KILLED = """
 import sys, time
@@ -140,3 +143,43 @@ def test_a_killed_process_loses_less_than_a_second_and_its_log_is_closed_at_the_
     assert closed == messages
     assert damage is not None
     assert "the recorder ended it here: it was interrupted" in damage.why
+
+
+def test_a_new_file_is_locked_empty_and_its_name_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "new.mcap"
+    flock, fsync, synced = fcntl.flock, os.fsync, []
+
+    def late(descriptor: int, how: int) -> None:
+        if how == fcntl.LOCK_EX:  # another service took it for an unfinished log, before it was locked
+            path.write_bytes(b"closed as an empty log")
+        flock(descriptor, how)
+
+    def told(descriptor: int) -> None:
+        synced.append(stat.S_ISDIR(os.fstat(descriptor).st_mode))
+        fsync(descriptor)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    monkeypatch.setattr(os, "fsync", told)
+    with DiskFile(path) as file:
+        file.write(b"log")
+        with pytest.raises(BlockingIOError):
+            FoundFile(path)
+    assert path.read_bytes() == b"log"
+    assert synced == [True]
+
+
+def test_the_recorder_too_writes_its_footer_last(tmp_path: Path) -> None:
+    done: list[str] = []
+
+    class Told(DiskFile):
+        def write(self, data: bytes, /) -> int:  # type: ignore[override]
+            done.append("footer" if data.endswith(MAGIC) else "rest")
+            return super().write(data)
+
+        def sync(self) -> None:
+            done.append("sync")
+
+    record_all(tmp_path, [sample(0)], open_file=Told)
+    assert done[-4:] == ["rest", "sync", "footer", "sync"]

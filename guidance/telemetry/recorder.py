@@ -6,7 +6,8 @@ hold it: small chunks, each handed to the operating system whole and put on the 
 the order in which they were offered, and where some had to be dropped a `lost` record says how many. Written
 so that viewers can draw it: after a record follows what Foxglove knows it by. A disk that is nearly full or
 fails ends the log, says so, and costs nothing but the log; a reader finds that out too: only a log that holds
-the whole run ends with the word that it does. A long run goes on in further files, each of which opens alone.
+the whole run ends with the word that it does. A long run goes on in further files, each of which opens alone;
+so does one whose disk takes a log again, with a `lost` record for what is missing in between.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from guidance.records import SCHEMA_VERSION, TOPICS, Lost, Session
-from guidance.telemetry.disk_file import DiskFile, LogFile
+from guidance.telemetry.disk_file import DiskFile, LogFile, sync_directory
 from guidance.telemetry.foxglove_view import View
 from guidance.telemetry.log import CONTINUED_IN, ENDED_EARLY, PART
 from guidance.telemetry.log_keeper import Keeper, log_name
@@ -35,6 +36,11 @@ _SESSION_TOPIC: Final = TOPICS[Session]
 _CHECK_SPACE_NS: Final = 1_000_000_000
 #: Power loss costs what a disk takes to hold the newest samples; one that takes longer is told.
 _SLOW_NS: Final = 500_000_000
+#: A log that ended is begun anew so much later at the earliest; after each failure to write, twice as much.
+_AGAIN_NS: Final = 10_000_000_000
+_AGAIN_AT_MOST_NS: Final = 32 * _AGAIN_NS
+#: And with so much more room than must stay free: no chain of files of a second each.
+_AGAIN_BYTES: Final = 64 << 20
 
 
 class Rotation(NamedTuple):
@@ -105,7 +111,11 @@ class Recorder(ThreadedSink):
         self._path = self._path_of(1)
         self._slow = ""
         # Of the worker's thread only. `_log` is None before the log is opened and after it has ended.
-        self._opened = False
+        # `_begun`: the file at `_path` was; `_missed`: so many samples have come to no log since.
+        self._opened = self._begun = False
+        self._missed = 0
+        self._again_ns = 0
+        self._pause_ns = _AGAIN_NS
         self._log: LogWriter | None = None
         self._session: Sample | None = None
         self._flushed_ns = 0
@@ -133,22 +143,29 @@ class Recorder(ThreadedSink):
         return True
 
     def _open(self) -> None:
+        """Begin a file; what is in the way is told, and tried again later."""
+        now_ns = self._clock_ns()
+        self._again_ns = now_ns + self._pause_ns
+        part = self._part + self._begun
+        path = self._path_of(part)
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
+            sync_directory(self._directory.parent)
             if self._keeper is not None:
                 self._keeper.look()
-            short = self._short_of_space()
+            short = self._short_of_space(_AGAIN_BYTES if self._trouble else 0)
             if short:
-                self._stop_for_space(short)
+                self._trouble = self._trouble or _full(short)
                 return
-            self._begin(self._open_file(self._path))
+            file = self._open_file(path)
         except OSError as error:
-            self._trouble = (
-                f"no log is written: cannot create {self._path}: {error.strerror or error}; "
+            self._trouble = self._trouble or (
+                f"no log is written: cannot create {path}: {error.strerror or error}; "
                 "make the directory writable for this user or configure another one"
             )
             return
-        self._space_checked_ns = self._clock_ns()
+        self._part, self._path, self._space_checked_ns = part, path, now_ns
+        self._begin(file)
 
     def _begin(self, file: LogFile) -> None:
         """Go on in a new file, which opens alone."""
@@ -168,20 +185,27 @@ class Recorder(ThreadedSink):
         )
         if self._view is not None:
             self._view.repeat_static()
-        if self._session is not None:
-            self._log.add(self._session)
-        self._begun_bytes = self._log.size
+        self._begun = True
         self._trouble = ""
         self._rotate_bytes = self._rotation.size_bytes
         self._rotate_ns = self._clock_ns() + self._rotation.age_ns
+        try:
+            if self._session is not None:
+                self._log.add(self._session)
+        except OSError as error:
+            self._give_up(self._log, error)
+            return
+        self._begun_bytes = self._log.size
 
     def _take(self, lost: int, sample: Sample) -> None:
         log = self._log
-        if log is None:
-            self._discarded += 1
-            return
         if sample.topic == _SESSION_TOPIC:
             self._session = sample
+        if log is None:
+            self._discarded += 1
+            self._missed += lost + 1
+            return
+        lost, self._missed = lost + self._missed, 0
         log.unwritten += 1
         try:
             if lost:
@@ -195,6 +219,8 @@ class Recorder(ThreadedSink):
     def _turn(self) -> None:
         log, now_ns = self._log, self._clock_ns()
         if log is None:
+            if now_ns >= self._again_ns and not self._stopping.is_set():
+                self._open()
             return
         try:
             if now_ns - self._flushed_ns >= self._flush_ns and not log.safe:
@@ -249,9 +275,10 @@ class Recorder(ThreadedSink):
         if log is None:
             return
         try:
+            self._path.stat()  # a file that was removed takes on what nobody will ever read
             short = self._short_of_space()
             if short:
-                self._stop_for_space(short)
+                self._trouble = _full(short)
                 self._log = None
                 log.end({ENDED_EARLY: short})
         except OSError as error:  # the directory was removed or the disk was taken out
@@ -261,21 +288,25 @@ class Recorder(ThreadedSink):
         """Leave a file that takes no more as far as it is whole."""
         self._trouble = (
             f"the log {self._path.name} ends early: {error.strerror or error}; "
-            f"free space on {self._directory} or replace the disk, then restart the service"
+            f"free space on {self._directory} or replace the disk, and it goes on in another file"
         )
         self._log = None
         self._discarded += log.unwritten
+        self._missed += log.unwritten
+        self._again_ns = self._clock_ns() + self._pause_ns
+        self._pause_ns = min(2 * self._pause_ns, _AGAIN_AT_MOST_NS)
         log.abandon()
+        if not log.size:
+            self._begun = False
+            with suppress(OSError):
+                self._path.unlink()
 
-    def _short_of_space(self) -> str:
+    def _short_of_space(self, more_bytes: int = 0) -> str:
         """What is wrong with the free space, empty if nothing is; raises OSError if the disk cannot tell."""
         free = self._free_bytes(self._directory)
-        if free >= self._min_free_bytes:
+        if free >= self._min_free_bytes + more_bytes:
             return ""
         return f"{free >> 20} MiB free on {self._directory}, {self._min_free_bytes >> 20} MiB must stay free"
-
-    def _stop_for_space(self, short: str) -> None:
-        self._trouble = f"no log is written any more: {short}; delete old logs, then restart the service"
 
     def _finish(self) -> bool:
         if self._keeper is not None:
@@ -283,7 +314,7 @@ class Recorder(ThreadedSink):
         log, self._log = self._log, None
         if log is None:
             return False
-        lost = self._queue.lost_at_end()
+        lost = self._queue.lost_at_end() + self._missed
         try:
             if lost:
                 log.add(_lost(self._clock_ns(), lost))
@@ -297,6 +328,10 @@ class Recorder(ThreadedSink):
         return (
             f"the disk of {self._directory} has not answered for {seconds:.0f} s; {self.dropped} records lost"
         )
+
+
+def _full(short: str) -> str:
+    return f"no log is written any more: {short}; delete old logs, and it goes on in another file"
 
 
 def _lost(t_ns: int, count: int) -> Sample:

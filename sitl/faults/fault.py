@@ -37,7 +37,8 @@ class Expected(NamedTuple):
 
     `states`: where the supervisor may stand at the end. `told`: codes of events (warnings and worse) that
     must be told, `may` those that may be, beside changes of state. `within_m`: the largest distance from the
-    reference while tracking, `out_within_s`: how soon tracking is left. `modes`: the vehicle's at the end.
+    reference while tracking, `out_within_s`: how soon the state is left in which the fault began. `modes`:
+    the vehicle's at the end.
     """
 
     states: frozenset[State]
@@ -97,17 +98,25 @@ def _then(state: State, act: Action, into: State) -> Callable[[Flight], bool]:
     return reach
 
 
-def _stop_while_switching(flight: Flight) -> None:
-    flight.line.vehicle.refuse(modes=True)
-    flight.engage()
-    flight.run(5.0, until=State.SWITCHING)
-    flight.run(0.1)
-    flight.shut_down()
+def _while_switching(order: Action) -> Action:
+    def act(flight: Flight) -> None:
+        flight.line.vehicle.refuse(modes=True)
+        flight.engage()
+        flight.run(5.0, until=State.SWITCHING)
+        flight.run(0.1)
+        order(flight)
+
+    return act
 
 
-def _stop_without_an_exit(flight: Flight) -> None:
-    flight.line.vehicle.refuse(modes=True)
-    flight.shut_down()
+def _without_an_exit(order: Action) -> Action:
+    """Every mode is refused, so that the vehicle stays in the control mode."""
+
+    def act(flight: Flight) -> None:
+        flight.line.vehicle.refuse(modes=True)
+        order(flight)
+
+    return act
 
 
 #: By the state in which the fault begins. 2.003 s: between two messages.
@@ -128,20 +137,25 @@ BEGINNINGS: Final[dict[State, Beginning]] = {
         PILOT, {}, _then(State.READY, lambda flight: flight.switch("control"), State.ARMING)
     ),
     State.TRACKING: Beginning(AUTO, {}, _wait(State.TRACKING, 2.003)),
-    State.BACKING_OUT: Beginning(
-        PILOT,
-        {},
-        _then(
-            State.READY,
-            _stop_while_switching,
-            State.BACKING_OUT,
-        ),
+    State.PAUSING: Beginning(AUTO, {}, _then(State.TRACKING, _without_an_exit(Flight.hold), State.PAUSING)),
+    State.HOLDING: Beginning(AUTO, {}, _then(State.TRACKING, Flight.hold, State.HOLDING)),
+    State.ABORTING: Beginning(
+        AUTO, {}, _then(State.TRACKING, _without_an_exit(Flight.abort), State.ABORTING)
     ),
-    State.LEAVING: Beginning(AUTO, {}, _then(State.TRACKING, _stop_without_an_exit, State.LEAVING)),
+    State.CANCELLING: Beginning(
+        PILOT, {}, _then(State.READY, _while_switching(Flight.abort), State.CANCELLING)
+    ),
+    State.BACKING_OUT: Beginning(
+        PILOT, {}, _then(State.READY, _while_switching(Flight.shut_down), State.BACKING_OUT)
+    ),
+    State.LEAVING: Beginning(
+        AUTO, {}, _then(State.TRACKING, _without_an_exit(Flight.shut_down), State.LEAVING)
+    ),
     State.HANDED_OVER: Beginning(
         AUTO, {}, _then(State.TRACKING, lambda flight: flight.switch("hold"), State.HANDED_OVER)
     ),
     State.ABORTED: Beginning(AUTO, {"refuses_modes": True}, _wait(State.ABORTED)),
+    State.FINISHED: Beginning(AUTO, {}, _then(State.TRACKING, Flight.shut_down, State.FINISHED)),
 }
 
 

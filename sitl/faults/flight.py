@@ -9,7 +9,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 import guidance
-from guidance.commands import Engage, Shutdown
+from guidance.commands import Abort, Engage, Hold, Resume, Shutdown
 from guidance.config import Config, load
 from guidance.mavlink.profiles import Profile
 from guidance.records import Event, Level, Record
@@ -124,7 +124,7 @@ class Flight:
             return
         state = self.state
         if state is not self.states[-1]:
-            if self.states[-1] is State.TRACKING and self.left_ns is None:
+            if self.left_ns is None:
                 self.left_ns = self.line.now_ns
             self.states.append(state)
         if self.line.now_ns >= self._looked_ns + _LOOK_NS:
@@ -188,6 +188,20 @@ class Flight:
         """The operator commands to engage."""
         self.witness.permit(self.line.now_ns)
         self.line.guide.command(Engage(), self.line.now_ns)
+
+    def hold(self) -> None:
+        """The operator commands to hold."""
+        self.line.guide.command(Hold(), self.line.now_ns)
+
+    def resume(self) -> None:
+        """The operator commands to go on, which permits nothing where nothing is held."""
+        if self.state is State.HOLDING:
+            self.witness.permit(self.line.now_ns)
+        self.line.guide.command(Resume(), self.line.now_ns)
+
+    def abort(self) -> None:
+        """The operator commands to abort."""
+        self.line.guide.command(Abort(), self.line.now_ns)
 
     def shut_down(self) -> None:
         """The operator stops the service."""

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from guidance.leaving import LEAVING
 from guidance.supervisor import State
 from sitl.faults.fault import Action, Expected, Fault, Never, Step
 from sitl.faults.flight import DEAD, Flight
 from sitl.faults.outcomes import BOTH, CONTROL, HELD, LEFT_ALONE, PX4, ROVER, SILENCE, hands_over
+from sitl.vehicle import Firmware
 
 _MANUAL: Final = frozenset({"MANUAL"})
 #: In the profile's words and in the firmware's: not the mode that the vehicle starts in.
 _OTHER: Final = {PX4: ("manual", "MANUAL"), ROVER: ("hold", "HOLD")}
+#: Where the service asks for the hold mode itself, or did.
+_COMMANDED: Final = LEAVING | {State.HOLDING, State.FINISHED}
 _SHOWN_S: Final = {PX4: 0.55, ROVER: 0.02}
 _ENDED: Final = frozenset({State.FINISHED})
 _OUT: Final = frozenset({State.HANDED_OVER})
@@ -25,11 +29,27 @@ _AFTER_SWITCH: Final[dict[State, frozenset[State]]] = {
     State.SWITCHING: _OUT,
     State.ARMING: frozenset({State.READY}),
     State.TRACKING: _OUT,
+    State.PAUSING: _OUT,
+    State.HOLDING: _OUT,
+    State.ABORTING: _OUT,
+    State.CANCELLING: frozenset({State.READY}),
     State.BACKING_OUT: _ENDED,
     State.LEAVING: _ENDED,
     State.HANDED_OVER: _OUT,
     State.ABORTED: frozenset({State.ABORTED}),
+    State.FINISHED: _ENDED,
 }
+
+
+#: Here the pilot takes nothing over: no control is held, or what is offered is as harmless in that mode.
+_INDIFFERENT: Final = frozenset(
+    {State.CONNECTED, State.READY, State.HANDED_OVER, State.ABORTED, State.FINISHED}
+)
+
+
+def _chosen_by_pilot(firmware: Firmware, state: State) -> tuple[str, str]:
+    """A mode that the service does not ask for in this state."""
+    return ("steering", "STEERING") if firmware is ROVER and state in _COMMANDED else _OTHER[firmware]
 
 
 def _pilot_switches(name: str) -> Action:
@@ -47,13 +67,13 @@ def _take_overs() -> list[Fault]:
             title=f"the pilot chooses another mode while {state}",
             firmware=firmware,
             begin=state,
-            steps=(Step(0.0, _pilot_switches(_OTHER[firmware][0])),),
+            steps=(Step(0.0, _pilot_switches(_chosen_by_pilot(firmware, state)[0])),),
             expected=Expected(
                 after,
                 may=SILENCE,
                 # PX4 says so twice a second at most, ArduRover at once.
-                out_within_s=_SHOWN_S[firmware] if state is State.TRACKING else math.inf,
-                modes=frozenset({_OTHER[firmware][1]}),
+                out_within_s=math.inf if state in _INDIFFERENT else _SHOWN_S[firmware],
+                modes=frozenset({_chosen_by_pilot(firmware, state)[1]}),
                 never=frozenset({Never.TRACKS}),
             ),
             seconds=4.0 if state is State.ABORTED else 8.0,
@@ -71,6 +91,10 @@ def _disarms() -> list[Fault]:
         State.STREAMING: _OUT,
         State.SWITCHING: frozenset({State.READY}),
         State.TRACKING: _OUT,
+        State.PAUSING: _OUT,
+        State.HOLDING: frozenset({State.READY}),
+        State.ABORTING: _OUT,
+        State.CANCELLING: frozenset({State.READY}),
         State.LEAVING: _ENDED,
         State.HANDED_OVER: frozenset({State.READY}),
     }
@@ -83,7 +107,7 @@ def _disarms() -> list[Fault]:
             expected=Expected(
                 states,
                 may=SILENCE,
-                out_within_s=1.05 if state is State.TRACKING else math.inf,
+                out_within_s=math.inf if state in _INDIFFERENT else 1.05,
                 never=frozenset({Never.ARMED}),
             ),
         )
@@ -138,6 +162,73 @@ def _restarts() -> list[Fault]:
         for firmware in BOTH
     ]
     return rows
+
+
+def _held() -> list[Fault]:
+    """On hold the autopilot flies by itself: whatever fails, it goes on holding; and the way there."""
+
+    def out(firmware: Firmware, *states: State, never: Never = Never.TRACKS) -> Expected:
+        return Expected(
+            frozenset(states), may=SILENCE, modes=HELD[firmware], never=frozenset({never, Never.MOVES})
+        )
+
+    def silence(gap_s: float) -> tuple[Step, ...]:
+        return (
+            Step(0.0, lambda flight: flight.link(DEAD, DEAD)),
+            Step(gap_s, lambda flight: flight.link()),
+        )
+
+    return [
+        fault
+        for firmware in BOTH
+        for fault in (
+            Fault(
+                title="a gap of 2 s while holding",
+                firmware=firmware,
+                begin=State.HOLDING,
+                steps=silence(2.0),
+                expected=out(firmware, State.HOLDING),
+                seconds=10.0,
+            ),
+            Fault(
+                title="a gap of 5 s while holding",
+                firmware=firmware,
+                begin=State.HOLDING,
+                steps=silence(5.0),
+                expected=out(firmware, State.READY),
+                seconds=13.0,
+            ),
+            Fault(
+                title="a gap of 1.5 s while pausing: a stream that came back would take control",
+                firmware=firmware,
+                begin=State.PAUSING,
+                steps=silence(1.5),
+                expected=Expected(
+                    frozenset({State.HANDED_OVER if firmware is PX4 else State.ABORTED}),
+                    may=SILENCE,
+                    modes=LEFT_ALONE[firmware],
+                    never=frozenset({Never.TRACKS}),
+                ),
+            ),
+            Fault(
+                title="the service is killed while holding and is back at once",
+                firmware=firmware,
+                begin=State.HOLDING,
+                steps=(Step(0.0, Flight.kill_and_restart),),
+                expected=out(firmware, State.READY),
+            ),
+            Fault(
+                title="the operator resumes, and the control mode is refused",
+                firmware=firmware,
+                begin=State.HOLDING,
+                steps=(
+                    Step(0.0, lambda flight: flight.line.vehicle.refuse(modes=True)),
+                    Step(0.0, Flight.resume),
+                ),
+                expected=out(firmware, State.ABORTED),
+            ),
+        )
+    ]
 
 
 def _back_again() -> list[Fault]:
@@ -214,4 +305,4 @@ def _back_again() -> list[Fault]:
     ]
 
 
-PEOPLE_FAULTS: Final = (*_take_overs(), *_disarms(), *_restarts(), *_back_again())
+PEOPLE_FAULTS: Final = (*_take_overs(), *_disarms(), *_restarts(), *_held(), *_back_again())

@@ -13,7 +13,6 @@ KEY: Final = bytes(range(32))
 #: The autopilot's own words, passed on.
 _WORDS: Final = frozenset({"autopilot"})
 _MOVED_M: Final = 0.01
-_FLYING: Final = frozenset({State.TRACKING, State.HOLDING} if hasattr(State, "HOLDING") else {State.TRACKING})
 
 
 class Outcome(NamedTuple):
@@ -102,7 +101,7 @@ def _judged(fault: Fault, flight: Flight) -> list[str]:
         and not (math.inf if left_after_s is None else left_after_s) <= wanted.out_within_s
     ):
         when = "never" if left_after_s is None else f"after {left_after_s:.2f} s"
-        problems.append(f"left tracking {when}, not within {wanted.out_within_s:g} s")
+        problems.append(f"left {fault.begin} {when}, not within {wanted.out_within_s:g} s")
     if wanted.modes and flight.line.vehicle.mode not in wanted.modes:
         problems.append(
             f"the vehicle is in {flight.line.vehicle.mode}, not {' or '.join(sorted(wanted.modes))}"
@@ -114,7 +113,7 @@ def _judged(fault: Fault, flight: Flight) -> list[str]:
 def _happened(never: Never, fault: Fault, flight: Flight) -> bool:
     match never:
         case Never.LEAVES:
-            return any(state not in _FLYING for state in flight.states)
+            return any(state is not State.TRACKING for state in flight.states)
         case Never.TRACKS:
             return State.TRACKING in flight.states[fault.begin is State.TRACKING :]
         case Never.FLIES:

@@ -10,6 +10,7 @@ from guidance.mavlink.signing import SigningClock, wall_timestamp
 from guidance.supervisor import State
 from sitl.faults.fault import Action, Fault, Step
 from sitl.faults.flight import Flight
+from sitl.faults.link_faults import CALM_M
 from sitl.faults.outcomes import BOTH, PX4, ROVER, guarded, hands_over, stays_out, tracks_on
 from sitl.faults.tampering import ATTITUDE, POSITION, Stage, frozen, later, moved, not_a_number, quaternions
 
@@ -31,7 +32,7 @@ def _clocks() -> list[Fault]:
             title=f"the autopilot's clock jumps by {jump_s:+g} s",
             firmware=PX4,
             steps=tampered(later(jump_s)),
-            expected=tracks_on(0.5, "estimator_reset"),
+            expected=tracks_on(0.03),
         )
         for jump_s in (0.04, -0.04)
     ]
@@ -40,7 +41,7 @@ def _clocks() -> list[Fault]:
             title=f"the autopilot's clock jumps by {jump_s:+g} s",
             firmware=firmware,
             steps=tampered(later(jump_s)),
-            expected=tracks_on(0.5),  # silent until the clock is known anew
+            expected=tracks_on(CALM_M),  # silent until the clock is known anew
         )
         for jump_s, firmware in ((10.0, PX4), (10.0, ROVER))
     ]
@@ -59,7 +60,7 @@ def _clocks() -> list[Fault]:
             firmware=PX4,
             vehicle={"clock_drift_ppm": ppm},
             steps=(),
-            expected=tracks_on(0.1),
+            expected=tracks_on(CALM_M),
         )
         for ppm in (1_000.0, -10_000.0)
     ]
@@ -69,7 +70,7 @@ def _clocks() -> list[Fault]:
             firmware=PX4,
             signed=True,
             steps=(Step(0.0, _set_wall(hours * _HOUR_S)),),
-            expected=tracks_on(0.05),
+            expected=tracks_on(CALM_M),
         )
         for hours in (1, -1)
     ]
@@ -99,7 +100,7 @@ def _glitches() -> list[Fault]:
                 title="a GPS glitch of 5 m for 2 s",
                 firmware=firmware,
                 steps=_glitch(5.0),
-                expected=tracks_on(6.0, told=("estimator_reset",)),
+                expected=tracks_on(1.2, told=("estimator_reset",)),
             )
         )
         rows.append(
@@ -115,7 +116,7 @@ def _glitches() -> list[Fault]:
             title="the position jumps by 5 m and no reset is counted",
             firmware=PX4,
             steps=_for_a_while(moved(5.0, 0.0), 2.0),
-            expected=tracks_on(6.0, told=("estimator_reset",)),
+            expected=tracks_on(1.2, told=("estimator_reset",)),
         )
     )
     rows.append(
@@ -130,7 +131,7 @@ def _glitches() -> list[Fault]:
                     ),
                 ),
             ),
-            expected=tracks_on(2.0, told=("estimator_reset",)),
+            expected=tracks_on(0.8, told=("estimator_reset",)),
         )
     )
     return rows
@@ -149,7 +150,7 @@ def _numbers() -> list[Fault]:
             title="the sign of the quaternion flips with every message",
             firmware=firmware,
             steps=tampered(quaternions(alternating)),
-            expected=tracks_on(0.05),
+            expected=tracks_on(CALM_M),
         )
         for firmware in BOTH
     ]
@@ -158,7 +159,7 @@ def _numbers() -> list[Fault]:
             title=f"quaternions of norm {norm:g}",
             firmware=PX4,
             steps=tampered(quaternions(_always(norm))),
-            expected=tracks_on(0.05),  # below half and above: by the Euler angles of ATTITUDE
+            expected=tracks_on(CALM_M),  # below half and above: by the Euler angles of ATTITUDE
         )
         for norm in (1.01, 2.0, 1e-30, 0.0)
     ]
@@ -177,7 +178,7 @@ def _numbers() -> list[Fault]:
             title="the attitude is not a number for 0.3 s",
             firmware=PX4,
             steps=_for_a_while(not_a_number(ATTITUDE), 0.3),
-            expected=tracks_on(0.5),
+            expected=tracks_on(CALM_M),
         )
     )
     return rows
@@ -189,7 +190,9 @@ def _standing() -> list[Fault]:
             title=f"{what} stands still, {how}",
             firmware=firmware,
             steps=tampered(frozen(names, stamped=stamped)),
-            expected=guarded(firmware, "error", 12.0) if stamped else hands_over(1.6),
+            expected=guarded(firmware, "error", 10.0, within_m=9.0)
+            if stamped
+            else hands_over(1.6, within_m=0.05),
             seconds=14.0,
         )
         for what, names in (("the attitude", ATTITUDE), ("the position", POSITION))

@@ -62,15 +62,15 @@ def _actuators() -> list[Fault]:
             title=title,
             firmware=firmware,
             steps=_refit(**changes),
-            expected=guarded(firmware, guard, 10.0),
+            expected=guarded(firmware, guard, within_s, within_m=4.5),
             seconds=12.0,
         )
-        for title, changes, guard in (
-            ("the vehicle turns by 0.1 rad/s at most", {"plant": slow}, "error"),
-            ("half of the speed that is needed", {"plant": weak}, "error"),
-            ("the yaw actuator acts backwards", {"effect": Effect(yaw=-1.0)}, "error"),
-            ("the propeller failed", {"effect": Effect(speed=0.0)}, "error"),
-            ("all actuators failed", {"effect": Effect(0.0, 0.0, 0.0, 0.0)}, "error"),
+        for title, changes, guard, within_s in (
+            ("the vehicle turns by 0.1 rad/s at most", {"plant": slow}, "error", 10.0),
+            ("half of the speed that is needed", {"plant": weak}, "error", 8.0),
+            ("the yaw actuator acts backwards", {"effect": Effect(yaw=-1.0)}, "error", 5.0),
+            ("the propeller failed", {"effect": Effect(speed=0.0)}, "error", 4.5),
+            ("all actuators failed", {"effect": Effect(0.0, 0.0, 0.0, 0.0)}, "error", 4.5),
         )
         for firmware in BOTH
     ]
@@ -83,9 +83,9 @@ def _actuators() -> list[Fault]:
             seconds=12.0,
         )
         for what, effect, expected in (
-            ("roll", Effect(roll=0.0), tracks_on(0.05)),
-            ("pitch", Effect(pitch=0.0), tracks_on(2.0)),
-            ("yaw", Effect(yaw=0.0), guarded(PX4, "error", 9.0, within_m=5.0)),
+            ("roll", Effect(roll=0.0), tracks_on(0.01)),
+            ("pitch", Effect(pitch=0.0), tracks_on(1.5)),
+            ("yaw", Effect(yaw=0.0), guarded(PX4, "error", 7.5, within_m=4.5)),
         )
     ]
     return rows
@@ -97,7 +97,7 @@ def _carried() -> list[Fault]:
             title="a current of 0.3 m/s from the side",
             firmware=firmware,
             steps=(Step(0.0, _current(0.3, 0.0)),),
-            expected=tracks_on(0.5),
+            expected=tracks_on(0.4),
             seconds=12.0,
         )
         for firmware in BOTH
@@ -106,14 +106,14 @@ def _carried() -> list[Fault]:
             title="gusts of 0.5 m/s, one in 3 s",
             firmware=PX4,
             steps=_gusts(0.5, 3.0, 12.0),
-            expected=tracks_on(0.6),
+            expected=tracks_on(0.4),
             seconds=12.0,
         ),
         Fault(
             title="a current faster than the vehicle",
             firmware=PX4,
             steps=(Step(0.0, _current(7.0, 0.0)),),
-            expected=guarded(PX4, "error", 2.0, within_m=9.0),
+            expected=guarded(PX4, "error", 2.0, within_m=6.5),
             seconds=10.0,
         ),
     ]

@@ -143,11 +143,11 @@ def _run_once(episode: Episode) -> Outcome:
         door = DOORS[episode.door].make(Dice(f"{episode.seed} {episode.door} {episode.number}"))
         while number < episode.inputs:
             number += 1
-            begun_s = time.perf_counter()
+            begun_s = time.process_time()  # not what others do to the machine meanwhile
             door.feed()
-            taken_s = time.perf_counter() - begun_s
+            taken_s = time.process_time() - begun_s
             if taken_s > SLOW_S:
-                raise Broken(f"the input took {taken_s:.1f} s")
+                raise Broken(f"the input took {taken_s:.1f} s of the processor")
         return Outcome(episode, episode.inputs, door.finish(), None)
     except Exception as error:
         failure = Failure(

@@ -148,6 +148,13 @@ def test_two_autopilots_of_one_id_are_named() -> None:
     assert "MAV_SYS_ID" in bad["two autopilots"].todo
 
 
+def test_orders_on_an_unsigned_line_are_worth_a_word() -> None:
+    bad = Bench("link.commands_from=[255, 254]").bad()
+    assert bad["orders by MAVLink"].verdict is Verdict.WARN
+    assert "system 255 or 254" in bad["orders by MAVLink"].found
+    assert "orders by MAVLink" not in Bench().bad()
+
+
 def test_another_vehicle_type_is_not_what_the_profile_is_for() -> None:
     found = only(Bench(vehicle={"parameters": {"MAV_TYPE": 2}}), "profile", Verdict.FAIL)
     assert found.found == "px4-uuv is not for MAV_AUTOPILOT_PX4 MAV_TYPE_QUADROTOR"

@@ -148,8 +148,14 @@ def autopilot(seen: Seen) -> Iterator[Finding]:
 
 
 def signing(seen: Seen) -> Iterator[Finding]:
-    """Both ends sign, or neither does."""
-    link = seen.observation.link
+    """Both ends sign, or neither does; who may order should have to."""
+    link, commanders = seen.observation.link, seen.config.link.commands_from
+    if link.signing is None and commanders:
+        yield warn(
+            "orders by MAVLink",
+            f"unsigned: whoever says that he is system {' or '.join(map(str, commanders))} commands the vehicle",
+            "set link.signing_key_file, or link.commands_from = []",
+        )
     if link.signing is None and link.signs:
         yield warn(
             "signing",

@@ -138,6 +138,7 @@ def test_streams_are_asked_for_and_a_denial_is_heard() -> None:
         ("guidance: ready", "guidance: ready"),
         ("x" * 70, "x" * 50),
         ("Höhe 3 µm → 4", "H?he 3 ?m ? 4"),
+        ("a\x1b[31mred\x07", "a?[31mred?"),
         ("", ""),
     ],
 )

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.mavlink.codec import PacketWriter
 from guidance.mavlink.profiles import command_long
 from guidance.mavlink.signing import Signing
+from guidance.printable import printable
 
 #: A refusal says why in so many texts of 50 bytes at most.
 TEXT_PARTS: Final = 4

@@ -151,9 +151,10 @@ def signing(seen: Seen) -> Iterator[Finding]:
     """Both ends sign, or neither does; who may order should have to."""
     link, commanders = seen.observation.link, seen.config.link.commands_from
     if link.signing is None and commanders:
+        who = " or ".join(map(str, commanders))
         yield warn(
             "orders by MAVLink",
-            f"unsigned: whoever says that he is system {' or '.join(map(str, commanders))} commands the vehicle",
+            f"unsigned: whoever says that he is system {who} commands the vehicle",
             "set link.signing_key_file, or link.commands_from = []",
         )
     if link.signing is None and link.signs:

@@ -63,11 +63,11 @@ class Outbox:
 
     def status_text(self, severity: int, text: str) -> None:
         """Queue STATUSTEXT (253), cut to its 50 bytes."""
-        self.send(dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:_TEXT_BYTES]))
+        self.send(dialect.MAVLink_statustext_message(severity, _plain(text)[:_TEXT_BYTES]))
 
     def long_text(self, severity: int, text: str) -> None:
         """Queue a text in up to `TEXT_PARTS` STATUSTEXTs, which receivers put together by their id."""
-        data = text.encode("ascii", "replace")[: TEXT_PARTS * _TEXT_BYTES]
+        data = _plain(text)[: TEXT_PARTS * _TEXT_BYTES]
         if len(data) <= _TEXT_BYTES:
             self.status_text(severity, text)
             return
@@ -77,3 +77,8 @@ class Outbox:
             self.send(dialect.MAVLink_statustext_message(severity, part, self._text_id, number))
         if len(data) % _TEXT_BYTES == 0:  # a part that is full says that another follows
             self.send(dialect.MAVLink_statustext_message(severity, b"", self._text_id, number + 1))
+
+
+def _plain(text: str) -> bytes:
+    """In ASCII; words of others in it steer nobody's terminal."""
+    return printable(text).encode("ascii", "replace")

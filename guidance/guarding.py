@@ -95,8 +95,11 @@ class Guards:
             if now_ns - self._looked_ns < _PLAN_NS:
                 return
             self._looked_ns = now_ns if isinstance(state, Estimate) else -_PLAN_NS
+        begun = in_control or self._tracker.paused_s is not None
+        if not begun:  # nothing was made of the frame before
+            self._jump = None
         look = self._seen(state, now_ns)
-        if self._tracker.paused_s is None:  # a flight that is held goes on only where the frame still holds
+        if in_control:  # a flight that is held goes on only where the frame still holds
             self._jump = None
         if not in_control:
             found = ((guard, guard.exceeded(look)) for guard in GUARDS if guard.before)

@@ -146,7 +146,7 @@ def test_a_log_ended_for_lack_of_space_is_not_called_identical(flown: list[Recor
         vehicle="demo",
         session_id=session.session_id,
         unix_offset_ns=0,
-        free_bytes=lambda _: 1 << 40 if len(recorder._queue) else 0,
+        free_bytes=lambda _: 1 << 40 if len(recorder._queue) and not ended.is_set() else 0,
         clock_ns=lambda: next(now_ns),
         wait=lambda _: ended.set() if "must stay free" in recorder.problem else None,
     )

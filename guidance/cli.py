@@ -13,6 +13,7 @@ from rich.console import Console
 
 from guidance import __version__
 from guidance.command_cli import command
+from guidance.network_options import Connect, Listen, ZenohFile
 
 _ROOT_HELP = """Guidance of forward-driven vehicles on SE(3) over MAVLink.
 
@@ -185,18 +186,9 @@ def replay(
 
 @app.command()
 def watch(
-    connect: Annotated[
-        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to connect to (repeatable).")
-    ] = None,
-    listen: Annotated[
-        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to listen (repeatable).")
-    ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="A zenoh configuration (json5) in place of the others."
-        ),
-    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ZenohFile = None,
     multicast: Annotated[
         bool | None,
         typer.Option(
@@ -244,13 +236,8 @@ def watch(
 
 @app.command("foxglove")
 def foxglove_command(
-    connect: Annotated[
-        list[str] | None,
-        typer.Option(metavar="LOCATOR", help="Where to connect to (repeatable)."),
-    ] = None,
-    listen: Annotated[
-        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to listen (repeatable).")
-    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
     host: Annotated[
         str, typer.Option(help="Address for viewers; 0.0.0.0 is for all of the network.")
     ] = "127.0.0.1",

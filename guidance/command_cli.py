@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
 from rich.console import Console
+
+from guidance.network_options import Connect, Listen, ZenohFile
 
 
 def command(
@@ -20,18 +21,9 @@ def command(
         list[str] | None,
         typer.Argument(metavar="[WORD]...", help="set KEY=VALUE; load FILE or KEY=VALUE...; allocate NAME"),
     ] = None,
-    connect: Annotated[
-        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to connect to (repeatable).")
-    ] = None,
-    listen: Annotated[
-        list[str] | None, typer.Option(metavar="LOCATOR", help="Where to listen (repeatable).")
-    ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="A zenoh configuration (json5) in place of the others."
-        ),
-    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ZenohFile = None,
     multicast: Annotated[bool, typer.Option("--multicast", help="Look around on the network.")] = False,
     seconds: Annotated[
         float, typer.Option(min=0.1, max=600.0, help="How long to look for the vehicle, s.")

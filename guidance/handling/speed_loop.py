@@ -1,11 +1,12 @@
 """The speed that is asked for so that the wanted one is driven: feed-forward, and PI on the measured speed.
 
 A thrust becomes a speed by a map that is never right (WP_SPEED, a battery, a slope). The wanted speed goes
-through as it is, and what is missing is added in proportion and over time. What counts as missing is measured
-against what the vehicle would show by now if the map were right: the wanted speed after the lag that it is
-known to answer with. Without that, each change of speed would fill the integral.
+through as it is, and what is missing is added in proportion and over time. A map is wrong by a factor, so the
+integral is one: what it has learned at one speed it knows at all.
 
-The integral stops where the sum is at its end, and while the vehicle is to stand.
+What counts as missing is measured against what the vehicle would show by now if the map were right: the wanted
+speed after the lag that it is known to answer with. Without that, each change of speed would fill the integral.
+The integral rests where the sum is at its end, and below `SLOWEST_M_S` a factor is not to be seen.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ from typing import Final, NamedTuple
 
 from guidance.limits import clamp
 
+#: Slower speeds (m/s) move the integral less and less.
+SLOWEST_M_S: Final = 0.5
+
 
 class Parameters(NamedTuple):
-    """`kp` without unit, `ki` in 1/s, `lag_s` (>= 0); the correction stays within +-`part` of the wanted speed.
+    """`kp` without unit, `ki` in 1/s, `lag_s` (>= 0); each correction stays within +-`part` of the wanted speed.
 
     `kp` = `ki` = 0 leaves the feed-forward alone.
     """
@@ -28,10 +32,10 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The speed that should show by now and the integral's part of the correction, m/s."""
+    """The speed that should show by now (m/s), and by which part the map is short, as learned."""
 
     expected_m_s: float
-    integral_m_s: float
+    integral: float
 
 
 START: Final = Memory(0.0, 0.0)
@@ -46,14 +50,15 @@ def speed_step(
     highest_m_s: float,
     dt: float,
 ) -> tuple[Memory, float]:
-    """The speed to ask for, within [lowest, highest]; all speeds forward, over ground."""
+    """The speed to ask for, within [lowest, highest]; all speeds forward, over ground. `dt` > 0."""
     p = parameters
-    expected = memory.expected_m_s + dt / (p.lag_s + dt) * (wanted_m_s - memory.expected_m_s) if dt > 0.0 else 0.0
+    expected = memory.expected_m_s + dt / (p.lag_s + dt) * (wanted_m_s - memory.expected_m_s)
     missing = expected - measured_m_s
+    scale = max(expected * expected, SLOWEST_M_S * SLOWEST_M_S)
+    integral = clamp(memory.integral + p.ki * dt * missing * expected / scale, -p.part, p.part)
     bound = p.part * abs(wanted_m_s)
-    integral = clamp(memory.integral_m_s + p.ki * missing * dt, -bound, bound)
-    asked = wanted_m_s + clamp(p.kp * missing + integral, -bound, bound)
+    asked = wanted_m_s * (1.0 + integral) + clamp(p.kp * missing, -bound, bound)
     held = clamp(asked, lowest_m_s, highest_m_s)
     if (asked > held and missing > 0.0) or (asked < held and missing < 0.0):
-        integral = clamp(memory.integral_m_s, -bound, bound)
+        integral = memory.integral
     return Memory(expected, integral), held

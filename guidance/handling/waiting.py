@@ -20,14 +20,16 @@ class Parameters(NamedTuple):
     """s' within [`slowest`, `fastest`], 0 < slowest <= 1 <= fastest, both 1 to switch it off.
 
     s' is 1 + `per_m` times the error along the track (m, positive ahead), outside a dead band of `free_m`;
-    it changes by at most `per_s` a second.
+    it falls by at most `falls_per_s` a second and rises by at most `rises_per_s`, which times the speed is an
+    acceleration that the vehicle must have.
     """
 
     slowest: float
     fastest: float
     per_m: float
     free_m: float
-    per_s: float
+    falls_per_s: float
+    rises_per_s: float
 
 
 class Memory(NamedTuple):
@@ -39,7 +41,7 @@ class Memory(NamedTuple):
 
 
 ON_TIME: Final = Memory(1.0, 0.0)
-OFF: Final = Parameters(1.0, 1.0, 0.0, 0.0, 1.0)
+OFF: Final = Parameters(1.0, 1.0, 0.0, 0.0, 1.0, 1.0)
 
 
 def waiting_step(parameters: Parameters, memory: Memory, position: Vec3, planned: Reference, dt: float) -> Memory:
@@ -54,8 +56,8 @@ def waiting_step(parameters: Parameters, memory: Memory, position: Vec3, planned
         along = dot(e, planned.velocity) / speed
         if abs(along) > p.free_m:
             wanted += p.per_m * (along - (p.free_m if along > 0.0 else -p.free_m))
-    change = p.per_s * dt
-    rate = clamp(clamp(wanted, p.slowest, p.fastest), memory.rate - change, memory.rate + change)
+    lowest, highest = memory.rate - p.falls_per_s * dt, memory.rate + p.rises_per_s * dt
+    rate = clamp(clamp(wanted, p.slowest, p.fastest), lowest, highest)
     return Memory(rate, memory.waited_s + (1.0 - rate) * dt)
 
 

@@ -19,7 +19,8 @@ from guidance.se3 import Pose, Reference, Twist, Vec3, from_yaw, norm, yaw_of
 
 
 class Parameters(NamedTuple):
-    """`law.limits.speed_min_m_s` < 0 allows reverse, 0 does not. `crawl_m_s` 0 is for what turns at rest.
+    """`crawl_m_s` is of the law that only goes forward; 0 is for vehicles that turn at rest. The paper's law may
+    reverse, as far as `law.limits.speed_min_m_s` lets it, and has none.
 
     `yaw_gain` (> 0) is the yaw rate that the vehicle gives for one that is asked.
     """
@@ -101,15 +102,17 @@ def ground_step(
     limits = p.law.limits
     before = memory.law.controls.u4 if memory.law.started else forward
     field = desired_field(p.law.gains, position, r, p.law.error_function)
-    floor = crawl_floor(p.crawl_m_s, norm(field.Xr), before, limits.acceleration_m_s2, dt)
-    floor = max(limits.speed_min_m_s, floor) if p.crawl_m_s > 0.0 else limits.speed_min_m_s
+    floor = limits.speed_min_m_s
+    if p.law.law == law.GLOBAL:
+        floor = max(
+            floor, crawl_floor(p.crawl_m_s, norm(field.Xr), before, limits.acceleration_m_s2, dt)
+        )
     level_twist = Twist(Vec3(0.0, 0.0, twist.angular.z), Vec3(forward, 0.0, 0.0))
     stepped, found = guide_step(_with_floor(p.law, floor), memory.law, pose, level_twist, r, dt)
 
     u = found.controls
-    slowest = max(p.crawl_m_s, 0.0)
     speed = kept_curvature(
-        u.u4, found.demanded.u3, limits.yaw_rate_rad_s, p.lateral_acceleration_m_s2, slowest
+        u.u4, found.demanded.u3, limits.yaw_rate_rad_s, p.lateral_acceleration_m_s2, p.crawl_m_s
     )
     stepped = law.Memory(True, Controls(u.u1, u.u2, u.u3, speed))
 

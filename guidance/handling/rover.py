@@ -47,9 +47,12 @@ class Autopilot(NamedTuple):
     yaw_gain: float = 0.927
 
 
-def handling(autopilot: Autopilot, *, waits: bool = False, reverses: bool = False) -> ground.Parameters:
-    """The default of the profile `ardupilot-rover`; all parameters are checked by the caller, and > 0 but for
-    the accelerations and the yaw rate, where 0 is no limit."""
+def handling(autopilot: Autopilot, *, waits: bool = False) -> ground.Parameters:
+    """The default of the profile `ardupilot-rover`, which never reverses.
+
+    The caller has checked the parameters: all > 0, but for the accelerations and the yaw rate, where 0 is no
+    limit. `waits`: with a reference that waits.
+    """
     a = autopilot
     yaw_rate = YAW_RATE_PART * radians(a.ATC_STR_RAT_MAX) if a.ATC_STR_RAT_MAX > 0.0 else 2.0
     speed_max = a.WP_SPEED
@@ -60,7 +63,7 @@ def handling(autopilot: Autopilot, *, waits: bool = False, reverses: bool = Fals
             Gains(k=1.0, rho2=3.0, rho3=3.0, beta=1.0),
             bounded(APPROACH_PART * a.WP_SPEED),
             Limits(
-                speed_min_m_s=-speed_max if reverses else 0.0,
+                speed_min_m_s=0.0,
                 speed_max_m_s=speed_max,
                 roll_rate_rad_s=0.0,
                 pitch_rate_rad_s=0.0,

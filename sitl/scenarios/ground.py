@@ -1,4 +1,4 @@
-"""Ground vehicles on set tasks, in virtual time: model, measurement noise, `guidance.handling`, figures.
+"""A ground vehicle on one task, in virtual time: model, measurement noise, `guidance.handling`, figures.
 
 No MAVLink: what is judged is the handling of the vehicle, not the link. The guide runs at its rate on noisy
 measurements, predicts them by the setpoints under way to the instant at which its setpoint acts, and takes
@@ -10,17 +10,16 @@ on board can know, but without the white part, which is no motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
-from math import atan2, cos, exp, hypot, inf, isfinite, pi, radians, sin, sqrt
+from math import cos, exp, hypot, inf, radians, sin, sqrt
 from random import Random
 from typing import Final, NamedTuple
 
 from guidance.handling import ground
 from guidance.prediction import NOTHING_SENT, predict, sent
-from guidance.se3 import Pose, Reference, Twist, Vec3, from_yaw
-from guidance.trajectory import Circle, Lemniscate, Trajectory, Zigzag, sample
+from guidance.se3 import Pose, Twist, Vec3, from_yaw
+from guidance.trajectory import Trajectory, sample
 from sitl.models import rover
 
 MODEL_STEP_S: Final = 0.004
@@ -45,8 +44,8 @@ SILENT: Final = Noise(0.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Task:
-    """One flight. `start` is north, east (m) and heading (rad), at rest. `settled_s`: RMS and maximum count
-    from then on; for a zigzag they are not asked for. `corners_s`: when its corners are due, on its own clock.
+    """One flight. `start` is north, east (m) and heading (rad), at rest; RMS and maximum count from
+    `settled_s` on. `corners_s`: when the trajectory's corners are due, on its own clock.
     """
 
     trajectory: Trajectory
@@ -58,8 +57,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a task is flown with: `known_delay_s` is what the guide predicts by; `thrust_part` the speed that
-    the vehicle makes of one that is asked for (WP_SPEED over what the guide takes it to be)."""
+    """What a task is flown with.
+
+    `known_delay_s` is what the guide predicts by, and of `extra_delay_s` too unless not `extra_is_known`;
+    `thrust_part` is the speed that the vehicle makes of one that is asked for: its WP_SPEED over what the
+    guide takes that to be.
+    """
 
     model: rover.Parameters
     handling: ground.Parameters
@@ -76,9 +79,13 @@ class Setting:
 
 @dataclass(frozen=True)
 class Figures:
-    """s and m; inf where it did not happen. `corner_m`: largest error in the 10 s after each corner;
-    `back_s`: from the corner until it is below `CONVERGED_M` for good (of that leg). `reverse_m_s`: the
-    fastest asked for backwards. `trace`: t, error, north, east, speed, clock, of each step."""
+    """s and m; inf where it did not happen. `converged_s` is before the first corner.
+
+    `corner_m` is the largest error after a corner, `back_s` the time from a corner until the error is below
+    `CONVERGED_M` for the rest of the leg. `truth_rms_m` is the RMS of the position without its bias, which
+    nobody can hold to less than that. `reverse_m_s` is the fastest asked for backwards. `trace` has a row a
+    step: t, error, north, east, speed, rate of the reference's clock.
+    """
 
     converged_s: float
     rms_m: float
@@ -107,7 +114,7 @@ def fly(task: Task, setting: Setting) -> Figures:
     sign = 1.0 if dice.random() < 0.5 else -1.0
     drift = (dice.gauss(0.0, 0.5 * noise.bias_m), dice.gauss(0.0, 0.5 * noise.bias_m))
     keep = exp(-dt / noise.bias_s)
-    references: list[tuple[float, Reference, float]] = []
+    clock: list[tuple[float, float]] = []
     samples: list[tuple[float, ...]] = []
     errors: list[tuple[float, float, float]] = []
     reverse = 0.0
@@ -115,11 +122,11 @@ def fly(task: Task, setting: Setting) -> Figures:
     stuck = False
     for n in range(round(task.duration_s / dt)):
         t = n * dt
-        drift = tuple(  # type: ignore[assignment]
-            keep * b + sqrt(1.0 - keep * keep) * dice.gauss(0.0, 0.5 * noise.bias_m) for b in drift
+        drift = _wandered(drift, keep, noise.bias_m, dice)
+        seen = (
+            state.north_m + max(-noise.bias_m, min(noise.bias_m, drift[0])),
+            state.east_m + max(-noise.bias_m, min(noise.bias_m, drift[1])),
         )
-        bias = tuple(max(-noise.bias_m, min(noise.bias_m, b)) for b in drift)
-        seen = (state.north_m + bias[0], state.east_m + bias[1])
 
         position = Vec3(
             seen[0] + dice.gauss(0.0, noise.position_m), seen[1] + dice.gauss(0.0, noise.position_m), 0.0
@@ -141,12 +148,13 @@ def fly(task: Task, setting: Setting) -> Figures:
             setting.handling, memory, ground.Measured(pose, twist), sample(task.trajectory, planned_s), dt
         )
         history = sent(history, acts_ns, Vec3(0.0, 0.0, around.law.controls.u3))
-        references.append((t + ahead, around.reference, planned_s))
+        clock.append((t + ahead, planned_s))
         reverse = max(reverse, -demand.speed_m_s)
         saturated += around.law.saturated
         stuck = stuck or around.stuck
 
-        at, on_s = reference_at(references, t, task.trajectory)
+        on_s = trajectory_time(clock, t)
+        at = sample(task.trajectory, on_s).position
         error = hypot(seen[0] - at.x, seen[1] - at.y)
         errors.append((error, hypot(state.north_m - at.x, state.east_m - at.y), on_s))
         samples.append((t, error, state.north_m, state.east_m, state.speed_m_s, around.clock_rate))
@@ -157,15 +165,20 @@ def fly(task: Task, setting: Setting) -> Figures:
     return _figures(task, dt, errors, reverse, saturated, stuck, tuple(samples))
 
 
-def reference_at(
-    references: list[tuple[float, Reference, float]], t: float, trajectory: Trajectory
-) -> tuple[Vec3, float]:
-    """Where the reference is at `t`, and what its own clock says; before the first step acts, on time."""
-    for at_s, _, planned_s in reversed(references):
+def _wandered(
+    drift: tuple[float, float], keep: float, bias_m: float, dice: Random
+) -> tuple[float, float]:
+    """A step of two Gauss-Markov processes with half the bound as their deviation."""
+    kick = 0.5 * bias_m * sqrt(1.0 - keep * keep)
+    return keep * drift[0] + dice.gauss(0.0, kick), keep * drift[1] + dice.gauss(0.0, kick)
+
+
+def trajectory_time(clock: list[tuple[float, float]], t: float) -> float:
+    """What the reference's clock, as it was set at these instants, shows at `t` (s); before them, on time."""
+    for at_s, planned_s in reversed(clock):
         if at_s <= t + 1e-9:
-            on_s = planned_s + (t - at_s)
-            return sample(trajectory, on_s).position, on_s
-    return sample(trajectory, t).position, t
+            return planned_s + (t - at_s)
+    return t
 
 
 def _figures(

@@ -89,12 +89,12 @@ _OUT: Final = CIRCLE.radius_m + AWAY_M
 ROVER: Final = (
     Row(
         "circle r 10 m at 2 m/s",
-        Task(CIRCLE, (8.0, 0.0, 0.5 * pi), 60.0, 12.0),
+        Task(CIRCLE, (8.0, 0.0, 0.5 * pi), 40.0, 12.0),
         Limits(converged_s=6.0, rms_m=0.03, max_m=0.06),
     ),
     Row(
         "lemniscate 20 x 10 m at 2 m/s",
-        Task(Lemniscate(length_m=20.0, width_m=10.0, speed_m_s=2.0), (0.0, 0.0, 0.25 * pi), 80.0, 12.0),
+        Task(Lemniscate(length_m=20.0, width_m=10.0, speed_m_s=2.0), (0.0, 0.0, 0.25 * pi), 55.0, 12.0),
         Limits(rms_m=0.05, max_m=0.12),
     ),
     Row(
@@ -104,19 +104,19 @@ ROVER: Final = (
     ),
     Row(
         "zigzag, the reference waits",
-        Task(ZIGZAG, (0.0, 0.0, 0.25 * pi), 60.0, 0.0, (CORNER_S, 2.0 * CORNER_S)),
+        Task(ZIGZAG, (0.0, 0.0, 0.25 * pi), 55.0, 0.0, (CORNER_S, 2.0 * CORNER_S)),
         Limits(corner_m=1.5, back_s=4.0),
         waits=True,
     ),
     Row(
         "15 m off facing away",
-        Task(CIRCLE, (_OUT, 0.0, 0.0), 40.0, 20.0),
+        Task(CIRCLE, (_OUT, 0.0, 0.0), 25.0, 20.0),
         Limits(converged_s=9.0),
         waits=True,
     ),
     Row(
         "15 m off, exactly opposite",
-        Task(CIRCLE, (_OUT, 0.0, _opposite_heading_rad(_OUT, 0.0)), 40.0, 20.0),
+        Task(CIRCLE, (_OUT, 0.0, _opposite_heading_rad(_OUT, 0.0)), 25.0, 20.0),
         Limits(converged_s=13.0),
         waits=True,
     ),

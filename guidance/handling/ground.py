@@ -15,7 +15,7 @@ from guidance.handling.crawl import crawl_floor
 from guidance.handling.saturation import kept_curvature
 from guidance.law import Evaluation, desired_field, guide_step
 from guidance.limits import Controls, Limits, clamp
-from guidance.se3 import Pose, Reference, Twist, Vec3, from_yaw, norm, yaw_of
+from guidance.se3 import Pose, Reference, Twist, Vec3, body_axes, dot, from_yaw, norm, yaw_of
 
 
 class Parameters(NamedTuple):
@@ -104,9 +104,9 @@ def ground_step(
     field = desired_field(p.law.gains, position, r, p.law.error_function)
     floor = limits.speed_min_m_s
     if p.law.law == law.GLOBAL:
-        floor = max(
-            floor, crawl_floor(p.crawl_m_s, norm(field.Xr), before, limits.acceleration_m_s2, dt)
-        )
+        along = dot(body_axes(pose.attitude)[0], field.Xr)
+        crawl = crawl_floor(p.crawl_m_s, norm(field.Xr), along, before, limits.acceleration_m_s2, dt)
+        floor = max(floor, crawl)
     level_twist = Twist(Vec3(0.0, 0.0, twist.angular.z), Vec3(forward, 0.0, 0.0))
     stepped, found = guide_step(_with_floor(p.law, floor), memory.law, pose, level_twist, r, dt)
 

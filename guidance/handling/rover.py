@@ -7,7 +7,9 @@ What binds each number, in the order in which they should be set:
 - lambda k is at most 1/s, because speed answers in about a second; with 1.2 a delay that nobody knows of
   makes a limit cycle of a metre, with 1.0 it does not;
 - the speed is asked to change a little more slowly than the autopilot lets it, so that it can follow;
-- the approach and the speeds in turns need room, not damping: they are as fast as the vehicle.
+- the approach needs room, not damping: it is nearly as fast as the vehicle;
+- the crawl is the speed at which the tightest turn takes the highest yaw rate: slower turns take longer on the
+  same arc, and faster ones a wider arc.
 """
 
 from __future__ import annotations
@@ -22,14 +24,14 @@ from guidance.law import GLOBAL, Gains, Limits, Parameters
 
 GRAVITY_M_S2: Final = 9.81
 #: Of what the autopilot allows, so much is asked for; the rest is for the loops.
-ACCELERATION_PART: Final = 0.9
+ACCELERATION_PART: Final = 0.95
 YAW_RATE_PART: Final = 0.95
 LATERAL_PART: Final = 0.7
 #: Fastest approach, as a part of WP_SPEED.
 APPROACH_PART: Final = 0.8
 #: A clock that waits as long as the vehicle is behind. Rising 0.3 a second asks 0.6 m/s^2 at 2 m/s.
 WAITING: Final = waiting.Parameters(
-    slowest=0.5, fastest=1.15, per_m=1.0, free_m=0.0, falls_per_s=2.0, rises_per_s=0.3
+    slowest=0.5, fastest=1.15, per_m=2.0, free_m=0.0, falls_per_s=1.5, rises_per_s=0.3
 )
 
 
@@ -44,6 +46,7 @@ class Autopilot(NamedTuple):
     ATC_STR_ACC_MAX: float = 120.0
     ATC_STR_RAT_MAX: float = 120.0
     ATC_TURN_MAX_G: float = 0.6
+    TURN_RADIUS: float = 0.9
     yaw_gain: float = 0.927
 
 
@@ -73,7 +76,7 @@ def handling(autopilot: Autopilot, *, waits: bool = False) -> ground.Parameters:
                 yaw_acceleration_rad_s2=radians(a.ATC_STR_ACC_MAX) if a.ATC_STR_ACC_MAX > 0.0 else inf,
             ),
         ),
-        crawl_m_s=min(1.2, speed_max),
+        crawl_m_s=min(a.TURN_RADIUS * yaw_rate, speed_max),
         lateral_acceleration_m_s2=LATERAL_PART * GRAVITY_M_S2 * a.ATC_TURN_MAX_G,
         yaw_gain=a.yaw_gain,
         slip=slip.Parameters(time_constant_s=2.0, speed_min_m_s=0.7, bound_rad=0.15),

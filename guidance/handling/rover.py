@@ -24,8 +24,7 @@ from guidance.law import GLOBAL, Gains, Limits, Parameters
 
 GRAVITY_M_S2: Final = 9.81
 #: Of what the autopilot allows, so much is asked for; the rest is for the loops.
-ACCELERATION_PART: Final = 0.95
-YAW_RATE_PART: Final = 0.95
+ACCELERATION_PART: Final = 0.9
 LATERAL_PART: Final = 0.7
 #: Fastest approach, as a part of WP_SPEED.
 APPROACH_PART: Final = 0.8
@@ -57,7 +56,7 @@ def handling(autopilot: Autopilot, *, waits: bool = False) -> ground.Parameters:
     limit. `waits`: with a reference that waits.
     """
     a = autopilot
-    yaw_rate = YAW_RATE_PART * radians(a.ATC_STR_RAT_MAX) if a.ATC_STR_RAT_MAX > 0.0 else 2.0
+    yaw_rate = radians(a.ATC_STR_RAT_MAX) if a.ATC_STR_RAT_MAX > 0.0 else 2.0
     speed_max = a.WP_SPEED
     return ground.Parameters(
         Parameters(

@@ -35,7 +35,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from guidance import alignment, allocation, error_function, law, limits, se3, trajectory
-from guidance.handling import crawl, ground, saturation, slip, speed_loop, stuck, waiting
+from guidance.handling import crawl, ground, saturation, slip, smoothing, speed_loop, stuck, waiting
 from sitl import plant
 from sitl.campaign import draw, flight
 from sitl.models import rover
@@ -52,6 +52,7 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     crawl,
     saturation,
     slip,
+    smoothing,
     speed_loop,
     stuck,
     waiting,

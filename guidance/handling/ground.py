@@ -1,6 +1,6 @@
 """Vehicles that drive: a yaw rate and a forward speed, in the plane (rovers, boats).
 
-One step, in order: the clock of the reference, the slip, the law along the course with a crawl as its least
+One step, in order: the smoothed position, the clock of the reference, the slip, the law along the course with a crawl as its least
 speed and a turn that its slew can stop (`alignment`), the speed that keeps the path where the turn saturates,
 and the loop on measured speed. Pose and reference are those of the instant at which the setpoint acts.
 """
@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from guidance import law
-from guidance.handling import slip, speed_loop, stuck, waiting
+from guidance.handling import slip, smoothing, speed_loop, stuck, waiting
 from guidance.handling.crawl import crawl_floor
 from guidance.handling.saturation import kept_curvature
 from guidance.law import Evaluation, desired_field, guide_step
 from guidance.limits import Controls, Limits, clamp
-from guidance.se3 import Pose, Reference, Twist, Vec3, body_axes, dot, from_yaw, norm, yaw_of
+from guidance.se3 import Pose, Reference, Twist, Vec3, body_axes, dot, from_yaw, norm, rotate, yaw_of
 
 
 class Parameters(NamedTuple):
@@ -29,6 +29,7 @@ class Parameters(NamedTuple):
     crawl_m_s: float
     lateral_acceleration_m_s2: float
     yaw_gain: float
+    smoothing: smoothing.Parameters
     slip: slip.Parameters
     speed_loop: speed_loop.Parameters
     waiting: waiting.Parameters
@@ -39,6 +40,7 @@ class Memory(NamedTuple):
     """Of each function its own."""
 
     law: law.Memory
+    smoothing: smoothing.Memory
     slip: slip.Memory
     speed_loop: speed_loop.Memory
     waiting: waiting.Memory
@@ -76,7 +78,9 @@ class Around(NamedTuple):
 
 
 #: Before the first step.
-UNSTARTED: Final = Memory(law.UNSTARTED, slip.NONE, speed_loop.START, waiting.ON_TIME, stuck.MOVING)
+UNSTARTED: Final = Memory(
+    law.UNSTARTED, smoothing.UNSTARTED, slip.NONE, speed_loop.START, waiting.ON_TIME, stuck.MOVING
+)
 
 
 def ground_step(
@@ -89,7 +93,9 @@ def ground_step(
     p = parameters
     twist = measured.twist
     forward, right = twist.linear.x, twist.linear.y
-    position = measured.pose.position
+    velocity = rotate(measured.pose.attitude, twist.linear)
+    smooth = smoothing.smoothing_step(p.smoothing, memory.smoothing, measured.pose.position, velocity, dt)
+    position = smooth.position
     planned = _level(reference, position.z)
 
     clock = waiting.waiting_step(p.waiting, memory.waiting, position, planned, dt)
@@ -122,7 +128,7 @@ def ground_step(
     still = stuck.stuck_step(p.stuck, memory.stuck, asked, forward, twist.angular.z, dt)
     yaw_rate = clamp(u.u3 / p.yaw_gain, -limits.yaw_rate_rad_s, limits.yaw_rate_rad_s)
     return (
-        Memory(stepped, drift, loop, clock, still),
+        Memory(stepped, smooth, drift, loop, clock, still),
         Demand(yaw_rate, asked),
         Around(
             found,

@@ -19,12 +19,12 @@ from typing import Final, NamedTuple
 
 from guidance.allocation import PITCH_YAW
 from guidance.error_function import bounded
-from guidance.handling import ground, slip, speed_loop, stuck, waiting
+from guidance.handling import ground, slip, smoothing, speed_loop, stuck, waiting
 from guidance.law import GLOBAL, Gains, Limits, Parameters
 
 GRAVITY_M_S2: Final = 9.81
 #: Of what the autopilot allows, so much is asked for; the rest is for the loops.
-ACCELERATION_PART: Final = 0.9
+ACCELERATION_PART: Final = 0.95
 LATERAL_PART: Final = 0.7
 #: Fastest approach, as a part of WP_SPEED.
 APPROACH_PART: Final = 0.8
@@ -78,6 +78,7 @@ def handling(autopilot: Autopilot, *, waits: bool = False) -> ground.Parameters:
         crawl_m_s=min(a.TURN_RADIUS * yaw_rate, speed_max),
         lateral_acceleration_m_s2=LATERAL_PART * GRAVITY_M_S2 * a.ATC_TURN_MAX_G,
         yaw_gain=a.yaw_gain,
+        smoothing=smoothing.Parameters(time_constant_s=0.15, jump_m=0.5),
         slip=slip.Parameters(time_constant_s=2.0, speed_min_m_s=0.7, bound_rad=0.15),
         speed_loop=speed_loop.Parameters(kp=0.3, ki=0.4, lag_s=0.6, part=0.5),
         waiting=WAITING if waits else waiting.OFF,

@@ -25,8 +25,8 @@ AWAY_M: Final = 15.0
 LEG_M: Final = 20.0
 ZIGZAG: Final = Zigzag(leg_m=LEG_M, speed_m_s=1.4 / sqrt(2.0))
 CORNER_S: Final = LEG_M / ZIGZAG.speed_m_s
-#: What the guide takes the time from a command to motion to be, s.
-KNOWN_DELAY_S: Final = 0.07
+#: What the guide takes the time from a command to motion to be, s: the delay and the lag of the yaw rate.
+KNOWN_DELAY_S: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -181,6 +181,7 @@ def paper_handling() -> ground.Parameters:
         crawl_m_s=0.0,
         lateral_acceleration_m_s2=inf,
         yaw_gain=1.0,
+        smoothing=plain.smoothing._replace(time_constant_s=0.0),
         slip=plain.slip._replace(bound_rad=0.0),
         speed_loop=plain.speed_loop._replace(kp=0.0, ki=0.0),
     )

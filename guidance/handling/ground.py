@@ -48,10 +48,14 @@ class Memory(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """World NED; `twist` in body axes (FRD), its linear part the velocity over ground."""
+    """World NED; `twist` in body axes (FRD), its linear part the velocity over ground.
+
+    Both are predicted, with the rates that were sent; `seen_yaw_rate_rad_s` is the one that was measured.
+    """
 
     pose: Pose
     twist: Twist
+    seen_yaw_rate_rad_s: float
 
 
 class Demand(NamedTuple):
@@ -125,7 +129,7 @@ def ground_step(
     loop, asked = speed_loop.speed_step(
         p.speed_loop, memory.speed_loop, speed, forward, limits.speed_min_m_s, limits.speed_max_m_s, dt
     )
-    still = stuck.stuck_step(p.stuck, memory.stuck, asked, forward, twist.angular.z, dt)
+    still = stuck.stuck_step(p.stuck, memory.stuck, asked, forward, measured.seen_yaw_rate_rad_s, dt)
     yaw_rate = clamp(u.u3 / p.yaw_gain, -limits.yaw_rate_rad_s, limits.yaw_rate_rad_s)
     return (
         Memory(stepped, smooth, drift, loop, clock, still),

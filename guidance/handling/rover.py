@@ -26,11 +26,13 @@ GRAVITY_M_S2: Final = 9.81
 #: Of what the autopilot allows, so much is asked for; the rest is for the loops.
 ACCELERATION_PART: Final = 0.95
 LATERAL_PART: Final = 0.7
+#: How long speed takes to answer, apart from the delay.
+SPEED_LAG_S: Final = 0.45
 #: Fastest approach, as a part of WP_SPEED.
 APPROACH_PART: Final = 0.8
 #: A clock that waits as long as the vehicle is behind. Rising 0.3 a second asks 0.6 m/s^2 at 2 m/s.
 WAITING: Final = waiting.Parameters(
-    slowest=0.5, fastest=1.15, per_m=2.0, free_m=0.0, falls_per_s=1.5, rises_per_s=0.3
+    slowest=0.5, fastest=1.15, per_m=3.0, falls_per_s=2.5, rises_per_s=0.3
 )
 
 
@@ -49,11 +51,11 @@ class Autopilot(NamedTuple):
     yaw_gain: float = 0.927
 
 
-def handling(autopilot: Autopilot, *, waits: bool = False) -> ground.Parameters:
+def handling(autopilot: Autopilot, delay_s: float, *, waits: bool = False) -> ground.Parameters:
     """The default of the profile `ardupilot-rover`, which never reverses.
 
     The caller has checked the parameters: all > 0, but for the accelerations and the yaw rate, where 0 is no
-    limit. `waits`: with a reference that waits.
+    limit. `delay_s` is from a setpoint to motion, as measured; `waits`: with a reference that waits.
     """
     a = autopilot
     yaw_rate = radians(a.ATC_STR_RAT_MAX) if a.ATC_STR_RAT_MAX > 0.0 else 2.0
@@ -80,7 +82,7 @@ def handling(autopilot: Autopilot, *, waits: bool = False) -> ground.Parameters:
         yaw_gain=a.yaw_gain,
         smoothing=smoothing.Parameters(time_constant_s=0.15, jump_m=0.5),
         slip=slip.Parameters(time_constant_s=2.0, speed_min_m_s=0.7, bound_rad=0.15),
-        speed_loop=speed_loop.Parameters(kp=0.3, ki=0.4, lag_s=0.6, part=0.5),
+        speed_loop=speed_loop.Parameters(kp=0.45, ki=0.4, lag_s=SPEED_LAG_S + delay_s, part=0.5),
         waiting=WAITING if waits else waiting.OFF,
         stuck=stuck.Parameters(asked_m_s=0.3, speed_m_s=0.15, yaw_rate_rad_s=0.05, after_s=3.0),
     )

@@ -141,12 +141,12 @@ def fly(task: Task, setting: Setting) -> Figures:
         )
         pose = Pose(position, from_yaw(heading))
         now_ns, acts_ns = round(t * 1e9), round((t + ahead) * 1e9)
-        pose, twist = predict(history, pose, twist, now_ns, acts_ns)
+        led, led_twist = predict(history, pose, twist, now_ns, acts_ns)
+        measured = ground.Measured(led, led_twist, twist.angular.z)
 
         planned_s = t + ahead - memory.waiting.waited_s
-        memory, demand, around = ground.ground_step(
-            setting.handling, memory, ground.Measured(pose, twist), sample(task.trajectory, planned_s), dt
-        )
+        planned = sample(task.trajectory, planned_s)
+        memory, demand, around = ground.ground_step(setting.handling, memory, measured, planned, dt)
         history = sent(history, acts_ns, Vec3(0.0, 0.0, around.law.controls.u3))
         clock.append((t + ahead, planned_s))
         reverse = max(reverse, -demand.speed_m_s)

@@ -78,7 +78,7 @@ class Result:
 
 def _opposite_heading_rad(north_m: float, east_m: float) -> float:
     """The heading exactly opposite to the field of the circle's first instant there."""
-    law = handling(Autopilot()).law
+    law = handling(Autopilot(), KNOWN_DELAY_S).law
     position = Vec3(north_m, east_m, 0.0)
     Xr = desired_field(law.gains, position, sample(CIRCLE, 0.0), law.error_function).Xr
     return atan2(Xr.y, Xr.x) + pi
@@ -135,7 +135,7 @@ def fly_row(row: Row, variation: Variation, seeds: int = 3, model: str = "rover"
     """Flown `seeds` times."""
     setting = Setting(
         load(model),
-        handling(Autopilot(), waits=row.waits),
+        handling(Autopilot(), KNOWN_DELAY_S + variation.extra_delay_s, waits=row.waits),
         KNOWN_DELAY_S,
         rate_hz=variation.rate_hz,
         extra_delay_s=variation.extra_delay_s,
@@ -170,7 +170,7 @@ def in_words(result: Result) -> str:
 
 def paper_handling() -> ground.Parameters:
     """The paper's law and gains (section 4) on the rover's ranges, and nothing around them: for comparison."""
-    plain = handling(Autopilot())
+    plain = handling(Autopilot(), KNOWN_DELAY_S)
     limits = plain.law.limits._replace(
         speed_min_m_s=-plain.law.limits.speed_max_m_s,
         acceleration_m_s2=inf,

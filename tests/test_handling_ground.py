@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from guidance.allocation import PITCH_YAW
 from guidance.handling.ground import UNSTARTED, Demand, Measured, Memory, Parameters, ground_step
 from guidance.handling.rover import Autopilot, handling
 from guidance.handling.waiting import ON_TIME
-from guidance.law import GLOBAL, PITCH_YAW, Gains, Limits, guide_step
+from guidance.law import GLOBAL, Gains, Limits, guide_step
 from guidance.law import UNSTARTED as LAW_UNSTARTED
 from guidance.law import Parameters as Law
 from guidance.se3 import Pose, Reference, Twist, Vec3, from_euler, from_yaw
@@ -62,7 +63,9 @@ def test_compiled_it_is_the_same(parameters: Parameters) -> None:
 
 
 @properties
-@given(vectors(1e6), reals(10.0), vectors(1e3), vectors(1e6), vectors(1e3), vectors(1e3), st.floats(1e-4, 1.0))
+@given(
+    vectors(1e6), reals(10.0), vectors(1e3), vectors(1e6), vectors(1e3), vectors(1e3), st.floats(1e-4, 1.0)
+)
 def test_every_state_has_a_demand_within_the_limits(
     position: Vec3, yaw_rad: float, velocity: Vec3, at: Vec3, r_dot: Vec3, r_ddot: Vec3, dt: float
 ) -> None:
@@ -83,14 +86,17 @@ def test_with_all_switched_off_it_is_the_law() -> None:
     at = measured(12.0, 1.0, 1.2, 1.5)
     _, demand, around = ground_step(bare, UNSTARTED, at, reference(0), DT)
     _, found = guide_step(law, LAW_UNSTARTED, at.pose, at.twist, reference(0), DT)
-    assert around.law == found
-    assert demand == Demand(found.controls.u3, found.controls.u4)
+    # but for the rounding of a heading that went through its quaternion
+    assert flat(around.law) == pytest.approx(flat(found), rel=1e-12)
+    assert demand == Demand(around.law.controls.u3, around.law.controls.u4)
 
 
 def test_height_and_tilt_do_not_matter() -> None:
     level = ground_step(ROVER, UNSTARTED, measured(12.0, 1.0, 1.2, 1.5), reference(0), DT)[1]
     tilted = Measured(
-        Pose(Vec3(12.0, 1.0, -7.0), from_euler(0.0, 0.05, 1.2)), Twist(Vec3(0.0, 0.0, 0.1), Vec3(1.5, 0.0, 0.0)), 0.1
+        Pose(Vec3(12.0, 1.0, -7.0), from_euler(0.0, 0.05, 1.2)),
+        Twist(Vec3(0.0, 0.0, 0.1), Vec3(1.5, 0.0, 0.0)),
+        0.1,
     )
     demand = ground_step(ROVER, UNSTARTED, tilted, reference(0), DT)[1]
     assert demand == pytest.approx(level, abs=1e-9)
@@ -125,7 +131,7 @@ def test_at_rest_facing_away_it_is_told_to_drive_and_to_turn() -> None:
 
 def test_the_reference_that_is_tracked_runs_on_the_clock_that_waits() -> None:
     memory = UNSTARTED
-    for n in range(100):
+    for _ in range(100):
         waited = memory.waiting.waited_s
         memory, _, around = ground_step(ROVER, memory, measured(10.0, -5.0, 0.5 * pi), reference(0), DT)
         assert memory.waiting.waited_s > waited
@@ -136,7 +142,11 @@ def test_the_reference_that_is_tracked_runs_on_the_clock_that_waits() -> None:
 
 @pytest.mark.parametrize(
     ("autopilot", "yaw_rate", "crawl"),
-    [(Autopilot(), 2.094, 1.885), (Autopilot(ATC_STR_RAT_MAX=0.0), 2.0, 1.8), (Autopilot(WP_SPEED=1.0), 2.094, 1.0)],
+    [
+        (Autopilot(), 2.094, 1.885),
+        (Autopilot(ATC_STR_RAT_MAX=0.0), 2.0, 1.8),
+        (Autopilot(WP_SPEED=1.0), 2.094, 1.0),
+    ],
 )
 def test_the_default_comes_from_the_autopilots_parameters(
     autopilot: Autopilot, yaw_rate: float, crawl: float

@@ -59,7 +59,9 @@ def advanced(parameters: Parameters, state: State, steps: int, dt_s: float = STE
 
 def driven(parameters: Parameters, yaw_rate: float, speed: float, seconds: float) -> State:
     """From rest at the origin, heading north, with one command."""
-    return advanced(parameters, told(parameters, at_rest(0.0, 0.0, 0.0), yaw_rate, speed), round(seconds / STEP_S))
+    return advanced(
+        parameters, told(parameters, at_rest(0.0, 0.0, 0.0), yaw_rate, speed), round(seconds / STEP_S)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -197,5 +199,5 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, says: str) -> None:
 
 
 def test_a_missing_file_is_named() -> None:
-    with pytest.raises(ValueError, match="nowhere.*rover, boat"):
+    with pytest.raises(ValueError, match=r"nowhere.*rover, boat"):
         load("nowhere")

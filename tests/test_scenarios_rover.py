@@ -10,7 +10,16 @@ import pytest
 from guidance.handling.rover import Autopilot, handling
 from sitl.models import load
 from sitl.scenarios.ground import SILENT, Setting, Task, fly
-from sitl.scenarios.tasks import KNOWN_DELAY_S, ROVER, VARIATIONS, Row, Variation, fly_row, in_words, paper_handling
+from sitl.scenarios.tasks import (
+    KNOWN_DELAY_S,
+    ROVER,
+    VARIATIONS,
+    Row,
+    Variation,
+    fly_row,
+    in_words,
+    paper_handling,
+)
 
 CIRCLE = ROVER[0]
 DEFAULT = Setting(load("rover"), handling(Autopilot(), KNOWN_DELAY_S), KNOWN_DELAY_S)
@@ -46,7 +55,10 @@ def test_each_part_around_the_law_is_needed() -> None:
     blind = whole._replace(slip=whole.slip._replace(bound_rad=0.0))
     assert fly(CIRCLE.task, replace(DEFAULT, handling=blind)).rms_m > 0.04
     away = ROVER[5].task
-    still = fly(replace(away, duration_s=10.0, settled_s=5.0), replace(DEFAULT, handling=whole._replace(crawl_m_s=0.0)))
+    still = fly(
+        replace(away, duration_s=10.0, settled_s=5.0),
+        replace(DEFAULT, handling=whole._replace(crawl_m_s=0.0)),
+    )
     assert still.converged_s == float("inf")
     assert max(row[4] for row in still.trace) < 0.1
     assert still.stuck is False  # it is not asked for anything: that is a deadlock, not a ditch

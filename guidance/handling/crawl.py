@@ -1,11 +1,11 @@
 """A least speed for vehicles that cannot turn at rest.
 
 The forward-only law stops a vehicle that points away from its field; one with wheels or a rudder then never
-turns, and stands there for ever. So it is never asked for less than a crawl where it points at a right angle to
-its field or farther off, and for less of it the better it points; near alignment it is the law's speed that
-damps the last of a turn. Nor for more than the field itself: what is to stand may stand. As the field fades
-at its goal so does the crawl, and `REST_PART` of the crawl is no field to turn to any more but the noise of a
-position.
+turns, and stands there for ever. So it is never asked for less than a crawl where it points at a right angle
+to its field or farther off, and for less of it the better it points: near alignment it is the law's speed
+that damps the last of a turn. Nor for more than the field itself: what is to stand may stand. As the field
+fades at its goal so does the crawl, and `REST_PART` of the crawl is no field to turn to any more but the noise
+of a position.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def crawl_floor(
     acceleration_m_s2: float,
     dt: float,
 ) -> float:
-    """The least speed (m/s) that may be asked for, where the desired field is `field_m_s` long, `along_m_s` of
-    it along b1.
+    """The least speed (m/s) that may be asked for where the desired field is `field_m_s` long, and
+    `along_m_s` along b1.
 
     `previous_m_s` is the speed that was asked for `dt` s ago; the floor rises no faster than the vehicle can.
     A crawl of 0 is none.

@@ -1,8 +1,9 @@
 """Vehicles that drive: a yaw rate and a forward speed, in the plane (rovers, boats).
 
-One step, in order: the smoothed position, the clock of the reference, the slip, the law along the course with a crawl as its least
-speed and a turn that its slew can stop (`alignment`), the speed that keeps the path where the turn saturates,
-and the loop on measured speed. Pose and reference are those of the instant at which the setpoint acts.
+One step, in order: the smoothed position, the clock of the reference, the slip, the law along the course with
+a crawl as its least speed and a turn that its slew can stop (`alignment`), the speed that keeps the path where
+the turn saturates, and the loop on measured speed. Pose and reference are those of the instant at which the
+setpoint acts.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from guidance.se3 import Pose, Reference, Twist, Vec3, body_axes, dot, from_yaw,
 
 
 class Parameters(NamedTuple):
-    """`crawl_m_s` is of the law that only goes forward; 0 is for vehicles that turn at rest. The paper's law may
-    reverse, as far as `law.limits.speed_min_m_s` lets it, and has none.
+    """`crawl_m_s` is of the law that only goes forward; 0 is for vehicles that turn at rest. The paper's law
+    may reverse, as far as `law.limits.speed_min_m_s` lets it, and has no crawl.
 
     `yaw_gain` (> 0) is the yaw rate that the vehicle gives for one that is asked.
     """

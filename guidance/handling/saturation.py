@@ -1,7 +1,7 @@
 """A turn that is too fast is driven more slowly on the same path, not more widely at the same speed.
 
-The path's curvature is yaw rate over speed. Where the wanted turn exceeds what the vehicle may do, at this
-speed, both are shortened by one factor, down to the speed below which nothing is gained: less speed, less turn.
+The path's curvature is yaw rate over speed. Where the wanted turn exceeds what the vehicle may do at this
+speed, both are shortened by one factor, down to the speed below which a vehicle on wheels turns less, too.
 """
 
 from __future__ import annotations

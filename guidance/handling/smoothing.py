@@ -15,8 +15,8 @@ from guidance.se3 import ZERO, Vec3
 
 
 class Parameters(NamedTuple):
-    """What the velocity does not explain is taken over in `time_constant_s`, and at once beyond `jump_m`: that
-    is a reset, which has its own treatment. A time constant of 0 switches it off."""
+    """What the velocity does not explain is taken over in `time_constant_s`, and at once beyond `jump_m`: a
+    reset has its own treatment. A time constant of 0 switches it off."""
 
     time_constant_s: float
     jump_m: float

@@ -4,9 +4,10 @@ A thrust becomes a speed by a map that is never right (WP_SPEED, a battery, a sl
 through as it is, and what is missing is added in proportion and over time. A map is wrong by a factor, so the
 integral is one: what it has learned at one speed it knows at all.
 
-What counts as missing is measured against what the vehicle would show by now if the map were right: the wanted
-speed after the lag that it is known to answer with. Without that, each change of speed would fill the integral.
-The integral rests where the sum is at its end, and below `SLOWEST_M_S` a factor is not to be seen.
+What counts as missing is measured against what the vehicle would show by now if the map were right: the
+wanted speed after the delay and lag that it is known to answer with. Without that, each change of speed would
+fill the integral. The integral rests where the sum is at its end, and below `SLOWEST_M_S` there is no factor
+to be seen.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ SLOWEST_M_S: Final = 0.5
 
 
 class Parameters(NamedTuple):
-    """`kp` without unit, `ki` in 1/s, `lag_s` (>= 0); each correction stays within +-`part` of the wanted speed.
+    """`kp` without unit, `ki` in 1/s, `lag_s` (>= 0); each correction is within +-`part` of the wanted speed.
 
     `kp` = `ki` = 0 leaves the feed-forward alone.
     """

@@ -19,8 +19,8 @@ from guidance.se3 import Reference, Vec3, dot, norm
 class Parameters(NamedTuple):
     """s' within [`slowest`, `fastest`], 0 < slowest <= 1 <= fastest, both 1 to switch it off.
 
-    s' is 1 + `per_m` times the error along the track (m, positive ahead); it falls by at most `falls_per_s` a second and rises by at most `rises_per_s`, which times the speed is an
-    acceleration that the vehicle must have.
+    s' is 1 + `per_m` times the error along the track (m, positive ahead). It falls by at most `falls_per_s` a
+    second and rises by at most `rises_per_s`, which times the speed is an acceleration that is asked for.
     """
 
     slowest: float
@@ -42,8 +42,10 @@ ON_TIME: Final = Memory(1.0, 0.0)
 OFF: Final = Parameters(1.0, 1.0, 0.0, 1.0, 1.0)
 
 
-def waiting_step(parameters: Parameters, memory: Memory, position: Vec3, planned: Reference, dt: float) -> Memory:
-    """The clock of the step `dt` s from now, for a vehicle at `position` and the reference as planned (by s)."""
+def waiting_step(
+    parameters: Parameters, memory: Memory, position: Vec3, planned: Reference, dt: float
+) -> Memory:
+    """The clock of the next step, for a vehicle at `position` and the reference as planned (by s)."""
     p = parameters
     speed = norm(planned.velocity)
     wanted = 1.0

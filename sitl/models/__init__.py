@@ -22,7 +22,7 @@ def load(name: str) -> Parameters:
     """A shipped model's parameters by its name, or those in a file by its path.
 
     Raises:
-        ValueError: the file is missing, no TOML, or lacks a parameter, has an unknown one or an impossible one.
+        ValueError: there is no such file, or a parameter is missing, unknown or impossible.
     """
     if name in SHIPPED:
         text = (files("sitl.models") / f"{name}.toml").read_text(encoding="utf-8")

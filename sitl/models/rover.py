@@ -1,4 +1,4 @@
-"""A rover with Ackermann steering, or a boat, behind an autopilot that is told a yaw rate and a forward speed.
+"""A rover with Ackermann steering, or a boat, whose autopilot is told a yaw rate and a forward speed.
 
 The plane is north-east, headings are from north to the east, yaw rates positive to the right. What acts:
 
@@ -12,9 +12,9 @@ The plane is north-east, headings are from north to the east, yaw rates positive
 - the course differs from the heading: by `misalignment_rad` always, and outward by `drift_s` v w in turns;
 - water carries it at `carried_*_m_s`, and wind at `wind_part` of its velocity.
 
-The autopilot's loop is ArduPilot's (`APM_Control/AR_AttitudeControl.cpp`: ATC_SPEED_P, ATC_SPEED_I, CRUISE_SPEED
-over CRUISE_THROTTLE, ATC_ACCEL_MAX, ATC_STR_ACC_MAX, ATC_TURN_MAX_G), the body its simulator's
-(`SIM_Rover.cpp`: a drive force against a drag that grows with speed, a turning circle).
+The autopilot's loop has the form of ArduPilot's (ATC_SPEED_P, ATC_SPEED_I, CRUISE_SPEED over CRUISE_THROTTLE,
+ATC_ACCEL_MAX, ATC_STR_ACC_MAX, ATC_TURN_MAX_G), the body that of its simulator: a drive force against a drag
+that grows with speed, and a turning circle.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def told(parameters: Parameters, state: State, yaw_rate_rad_s: float, speed_m_s:
 def step(
     parameters: Parameters, state: State, wind_north_m_s: float, wind_east_m_s: float, dt_s: float
 ) -> State:
-    """The state `dt_s` (> 0, milliseconds) later. Second order in `dt_s`, but at the limits, where it is first."""
+    """The state `dt_s` (> 0, milliseconds) later: of second order in `dt_s`, of first at the limits."""
     p = parameters
     command = acting(state.queue, state.time_s)
     v = state.speed_m_s

@@ -39,6 +39,7 @@ class Noise(NamedTuple):
     yaw_rate_rad_s: float = 0.005
 
 
+NOISE: Final = Noise()
 SILENT: Final = Noise(0.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -67,7 +68,7 @@ class Setting:
     model: rover.Parameters
     handling: ground.Parameters
     known_delay_s: float
-    noise: Noise = Noise()
+    noise: Noise = NOISE
     rate_hz: float = 50.0
     extra_delay_s: float = 0.0
     extra_is_known: bool = True
@@ -165,9 +166,7 @@ def fly(task: Task, setting: Setting) -> Figures:
     return _figures(task, dt, errors, reverse, saturated, stuck, tuple(samples))
 
 
-def _wandered(
-    drift: tuple[float, float], keep: float, bias_m: float, dice: Random
-) -> tuple[float, float]:
+def _wandered(drift: tuple[float, float], keep: float, bias_m: float, dice: Random) -> tuple[float, float]:
     """A step of two Gauss-Markov processes with half the bound as their deviation."""
     kick = 0.5 * bias_m * sqrt(1.0 - keep * keep)
     return keep * drift[0] + dice.gauss(0.0, kick), keep * drift[1] + dice.gauss(0.0, kick)

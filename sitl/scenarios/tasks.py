@@ -7,7 +7,7 @@ distance is straight away from the circle, the farthest to go for a place at tha
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from math import atan2, hypot, inf, pi, sqrt
+from math import atan2, inf, pi, sqrt
 from typing import Final
 
 from guidance import error_function
@@ -169,7 +169,7 @@ def in_words(result: Result) -> str:
 
 
 def paper_handling() -> ground.Parameters:
-    """The paper's law and gains (section 4) on the rover's ranges, and nothing around them: for comparison."""
+    """The paper's law and gains (section 4) on the rover's ranges, and nothing around them."""
     plain = handling(Autopilot(), KNOWN_DELAY_S)
     limits = plain.law.limits._replace(
         speed_min_m_s=-plain.law.limits.speed_max_m_s,

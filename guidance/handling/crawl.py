@@ -4,8 +4,7 @@ The forward-only law stops a vehicle that points away from its field; one with w
 turns, and stands there for ever. So it is never asked for less than a crawl where it points at a right angle
 to its field or farther off, and for less of it the better it points: near alignment it is the law's speed
 that damps the last of a turn. Nor for more than the field itself: what is to stand may stand. As the field
-fades at its goal so does the crawl, and `REST_PART` of the crawl is no field to turn to any more but the noise
-of a position.
+fades at its goal so does the crawl, and a field of `REST_PART` of the crawl is but the noise of a position.
 """
 
 from __future__ import annotations

@@ -16,6 +16,21 @@ from sitl.models.rover import Parameters
 
 #: Models that come with the package.
 SHIPPED: Final = ("rover", "boat")
+#: Parameters that divide, and those that may be negative.
+POSITIVE: Final = frozenset(
+    {
+        "yaw_lag_s",
+        "yaw_gain",
+        "yaw_slew_rad_s2",
+        "turning_radius_m",
+        "lateral_acceleration_m_s2",
+        "speed_max_m_s",
+        "acceleration_m_s2",
+        "drag_s",
+        "drive_m_s2",
+    }
+)
+SIGNED: Final = frozenset({"misalignment_rad", "carried_north_m_s", "carried_east_m_s"})
 
 
 def load(name: str) -> Parameters:
@@ -48,20 +63,3 @@ def load(name: str) -> Parameters:
         if key not in SIGNED and value < 0.0:
             raise ValueError(f"{name}: {key} must not be negative, not {value}")
     return Parameters(**{key: float(value) for key, value in table.items()})
-
-
-#: Parameters that divide, and those that may be negative.
-POSITIVE: Final = frozenset(
-    {
-        "yaw_lag_s",
-        "yaw_gain",
-        "yaw_slew_rad_s2",
-        "turning_radius_m",
-        "lateral_acceleration_m_s2",
-        "speed_max_m_s",
-        "acceleration_m_s2",
-        "drag_s",
-        "drive_m_s2",
-    }
-)
-SIGNED: Final = frozenset({"misalignment_rad", "carried_north_m_s", "carried_east_m_s"})

@@ -140,6 +140,20 @@ def test_the_reference_that_is_tracked_runs_on_the_clock_that_waits() -> None:
     assert UNSTARTED.waiting == ON_TIME
 
 
+def test_a_clock_that_slows_is_an_acceleration_of_the_reference() -> None:
+    _, _, around = ground_step(ROVER, UNSTARTED, measured(10.0, -5.0, 0.5 * pi), reference(0), DT)
+    assert around.reference.acceleration.y == pytest.approx(-2.0 * ROVER.waiting.falls_per_s)
+
+
+def test_too_fast_a_turn_is_driven_more_slowly_and_the_next_step_knows() -> None:
+    fast = measured(-30.0, 0.0, -pi / 3.0, 4.0)
+    memory, demand, around = ground_step(ROVER, UNSTARTED, fast, reference(0), DT)
+    speed = demand.speed_m_s - around.speed_correction_m_s
+    assert around.slowed
+    assert speed < around.law.controls.u4 - 0.5
+    assert memory.law.controls.u4 == pytest.approx(speed)
+
+
 @pytest.mark.parametrize(
     ("autopilot", "yaw_rate", "crawl"),
     [

@@ -2,8 +2,8 @@
 
 One step, in order: the smoothed position, the clock of the reference, the slip, the law along the course with
 a crawl as its least speed and a turn that its slew can stop (`alignment`), the speed that keeps the path
-where the turn saturates, and the loop on measured speed. Pose and reference are those of the instant at which the
-setpoint acts.
+where the turn saturates, and the loop on measured speed. Pose and reference are those of the instant at
+which the setpoint acts.
 """
 
 from __future__ import annotations

@@ -97,3 +97,11 @@ def test_a_flight_is_twice_the_same_and_another_with_another_seed() -> None:
     short = Task(CIRCLE.task.trajectory, (9.0, 0.0, 0.5 * pi), 4.0, 2.0)
     assert fly(short, DEFAULT) == fly(short, DEFAULT)
     assert fly(short, DEFAULT) != fly(short, replace(DEFAULT, seed=1))
+
+
+def test_a_delay_that_nobody_knows_of_is_no_limit_cycle() -> None:
+    late = replace(DEFAULT, extra_delay_s=0.16, extra_is_known=False)
+    assert fly(CIRCLE.task, late).rms_m < 0.06
+    stiff = DEFAULT.handling.law
+    stiff = stiff._replace(gains=stiff.gains._replace(k=1.2))
+    assert fly(CIRCLE.task, replace(late, handling=DEFAULT.handling._replace(law=stiff))).rms_m > 0.5

@@ -35,8 +35,10 @@ import numpy as np
 from numba.extending import register_jitable
 
 from guidance import alignment, allocation, error_function, law, limits, se3, trajectory
+from guidance.handling import crawl, ground, saturation, slip, smoothing, speed_loop, stuck, waiting
 from sitl import plant
 from sitl.campaign import draw, flight
+from sitl.models import rover
 
 #: Every module that has text in the machine code.
 MATHS: Final[tuple[ModuleType, ...]] = (
@@ -47,7 +49,16 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     allocation,
     law,
     trajectory,
+    crawl,
+    saturation,
+    slip,
+    smoothing,
+    speed_loop,
+    stuck,
+    waiting,
+    ground,
     plant,
+    rover,
     flight,
     draw,
 )

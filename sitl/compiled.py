@@ -35,8 +35,21 @@ import numpy as np
 from numba.extending import register_jitable
 
 from guidance import alignment, allocation, error_function, law, limits, se3, trajectory
-from sitl import plant
+from guidance.handling import (
+    airplane,
+    airplane_bank,
+    airplane_course,
+    airplane_envelope,
+    airplane_pitch,
+    airplane_prediction,
+    airplane_throttle,
+    airplane_wind,
+    waiting,
+)
+from sitl import airplane_flight, plant
 from sitl.campaign import draw, flight
+from sitl.models import airplane as airplane_model
+from sitl.models import gusts
 
 #: Every module that has text in the machine code.
 MATHS: Final[tuple[ModuleType, ...]] = (
@@ -47,9 +60,21 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     allocation,
     law,
     trajectory,
+    airplane,
+    airplane_bank,
+    airplane_course,
+    airplane_envelope,
+    airplane_pitch,
+    airplane_prediction,
+    airplane_throttle,
+    airplane_wind,
+    waiting,
     plant,
     flight,
     draw,
+    airplane_model,
+    gusts,
+    airplane_flight,
 )
 
 #: Too seldom and too long to be worth a copy at each place that calls them.

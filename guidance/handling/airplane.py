@@ -1,0 +1,299 @@
+"""Airplanes: they turn by banking, and are told roll, pitch and throttle.
+
+The rates of (11) act on the velocity, not on the nose. One step, in order: the wind, the clock of the
+reference, the field with bounds of its own along and up (`error_function.BOUNDED_APART`), course and climb
+with their rates (`airplane_course`), what the envelope leaves of them (`airplane_envelope`), and then what
+gives the accelerations: bank (`airplane_bank`), pitch (`airplane_pitch`) and throttle (`airplane_throttle`).
+
+Course and climb are over ground, where the reference is; what the airplane does for them it does in the air.
+A steady wind changes no acceleration, so the level one that is wanted, along and across the ground's course,
+is the one along and across the air's.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, sin, sqrt, tan
+from typing import Final, NamedTuple
+
+from guidance import error_function
+from guidance.handling import (
+    airplane_bank,
+    airplane_course,
+    airplane_envelope,
+    airplane_pitch,
+    airplane_throttle,
+    airplane_wind,
+    waiting,
+)
+from guidance.handling.airplane_bank import GRAVITY_M_S2
+from guidance.law import field_of
+from guidance.limits import clamp
+from guidance.se3 import Pose, Quaternion, Reference, Vec3, dot, from_euler, roll_of, subtract, yaw_of
+
+#: Slower (m/s) in the air, or over ground, no direction and no division is taken from it.
+MOVING_M_S: Final = 3.0
+
+
+class Parameters(NamedTuple):
+    """`k_per_s` is lambda k of the field, approached at most at `approach_m_s` level and `climb_m_s` up and
+    down; `rho_per_s` the turn's gain; `roll_rate_rad_s` how fast the bank can change."""
+
+    k_per_s: float
+    approach_m_s: float
+    climb_m_s: float
+    rho_per_s: float
+    roll_rate_rad_s: float
+    envelope: airplane_envelope.Parameters
+    bank: airplane_bank.Parameters
+    pitch: airplane_pitch.Parameters
+    throttle: airplane_throttle.Parameters
+    wind: airplane_wind.Parameters
+    waiting: waiting.Parameters
+
+
+class Trims(NamedTuple):
+    """What a flight learns of its airplane, and the next one starts with: eta, pitch (rad), throttle."""
+
+    effectiveness: float
+    pitch_rad: float
+    throttle: float
+
+
+class Memory(NamedTuple):
+    """Of each function its own; `side` is the latched one of `airplane_course`."""
+
+    side: int
+    wind: airplane_wind.Memory
+    bank: airplane_bank.Memory
+    pitch_trim_rad: float
+    throttle_trim: float
+    waiting: waiting.Memory
+
+
+class Measured(NamedTuple):
+    """Pose and velocity over ground, NED; true airspeed (0: not measured); the wind if the autopilot knows it."""
+
+    pose: Pose
+    velocity_ned_m_s: Vec3
+    airspeed_m_s: float
+    wind_given: bool
+    wind_ned_m_s: Vec3
+
+
+class Demand(NamedTuple):
+    """What to ask the autopilot for: `attitude` is that of roll and pitch at the measured heading."""
+
+    attitude: Quaternion
+    roll_rad: float
+    pitch_rad: float
+    throttle: float
+
+
+class Evaluation(NamedTuple):
+    """What a step found, for the record. `airspeed_m_s` is |v - w|, `asked_m_s` the one that is asked for;
+    `turn_aside` the latched side. The flags say which limit changed something."""
+
+    reference: Reference
+    e: Vec3
+    wanted: airplane_course.Wanted
+    course_rad: float
+    course_off_rad: float
+    turn_aside: int
+    airspeed_m_s: float
+    asked_m_s: float
+    climb_m_s: float
+    load: float
+    clock_rate: float
+    wind_ned_m_s: Vec3
+    trims: Trims
+    bank_saturated: bool
+    pitch_saturated: bool
+    throttle_saturated: bool
+    climb_limited: bool
+    floored: bool
+    stall_guard: bool
+
+
+#: A flight of which nothing is known.
+UNTRIMMED: Final = Trims(1.0, 0.0, 0.0)
+
+
+def unstarted(trims: Trims) -> Memory:
+    """Before the first step of a flight, with what the last one learned."""
+    return Memory(
+        0,
+        airplane_wind.Memory(0.0, 0.0),
+        airplane_bank.unlearned(trims.effectiveness),
+        trims.pitch_rad,
+        trims.throttle,
+        waiting.ON_TIME,
+    )
+
+
+def trims_of(memory: Memory) -> Trims:
+    """What has been learned so far."""
+    return Trims(memory.bank.effectiveness, memory.pitch_trim_rad, memory.throttle_trim)
+
+
+def airplane_step(
+    parameters: Parameters, memory: Memory, measured: Measured, reference: Reference, dt: float
+) -> tuple[Memory, Demand, Evaluation]:
+    """`dt` s (> 0) after the step before, with the reference as planned at flight time - `waited_s`.
+
+    Measured state and reference are those of the instant at which the demand acts. The caller has checked
+    that all is finite and the attitude a unit quaternion; then nothing raises and all is finite.
+    """
+    p = parameters
+    x = measured.pose.position
+    v = measured.velocity_ned_m_s
+    bank_now = roll_of(measured.pose.attitude)
+    heading = yaw_of(measured.pose.attitude)
+    wind = airplane_wind.wind_step(
+        p.wind, memory.wind, v, heading, measured.airspeed_m_s, measured.wind_given, measured.wind_ned_m_s, dt
+    )
+    w_north, w_east = wind
+    # directions along the ground's course and along the air's, level, and the speeds
+    ground, ground_c, ground_s = _direction(v.x, v.y, heading)
+    air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
+    airspeed = sqrt(air * air + v.z * v.z)
+    course = atan2(ground_s, ground_c)
+
+    # as steep as the wing is loaded now
+    load_now = 1.0 / cos(clamp(bank_now, -1.3, 1.3))
+    slowest = airplane_envelope.slowest_m_s(p.envelope, load_now)
+    clock = _clock(p.waiting, memory.waiting, x, reference, w_north, w_east, slowest, dt)
+    # s'' is left out: of a noisy position it is mostly noise, and it only pushes along the track
+    r = waiting.on_clock(reference, memory.waiting.rate, 0.0)
+
+    e = subtract(x, r.position)
+    chosen = error_function.ErrorFunction(
+        error_function.BOUNDED_APART, p.approach_m_s, p.climb_m_s, 0.0, 1.0, r.position
+    )
+    d = error_function.derivatives(chosen, p.k_per_s, 1.0, e, r)
+    Xr, a = field_of(1.0, d, r)
+    Xr_dot = subtract(a, error_function.times(d.hessian, v))
+    wanted = airplane_course.wanted_of(Xr, Xr_dot, course)
+
+    eta = memory.bank.effectiveness
+    bank_max = airplane_bank.bank_limit(
+        p.envelope.bank_max_rad, p.envelope.load_max, airspeed, p.envelope.airspeed_min_m_s
+    )
+    turning = GRAVITY_M_S2 * eta / ground
+    turn = airplane_course.turn_to(
+        p.rho_per_s,
+        turning * p.roll_rate_rad_s,
+        turning * tan(p.envelope.bank_max_rad),
+        memory.side,
+        wanted,
+        course,
+        bank_now,
+    )
+
+    # the airspeed that makes the ground speed, and the climb
+    level = Vec3(Xr.x - w_north, Xr.y - w_east, 0.0)
+    asked = airplane_envelope.airspeed_within(
+        p.envelope, sqrt(dot(level, level) + wanted.climb_m_s * wanted.climb_m_s), load_now
+    )
+    steepest = airplane_throttle.steepest_sine(p.throttle, memory.throttle_trim, airspeed, load_now)
+    climb = airplane_envelope.climb_within(p.envelope, wanted.climb_m_s, airspeed, x.z, steepest)
+    path_wanted = airplane_pitch.path_angle(climb.climb_m_s, airspeed)
+    path_now = airplane_pitch.path_angle(-v.z, airspeed)
+
+    # level accelerations over ground, and the same along and across the air's direction
+    to_side = ground * turn.course_rate_rad_s
+    along = turn.aligned * wanted.acceleration_m_s2 if slowest < asked < p.envelope.airspeed_max_m_s else 0.0
+    crab_c = ground_c * air_c + ground_s * air_s
+    crab_s = ground_s * air_c - ground_c * air_s
+    lateral = to_side * crab_c + along * crab_s
+    forward = along * crab_c - to_side * crab_s
+    climb_rate = 0.0 if climb.limited else wanted.climb_rate_m_s2
+    upright = GRAVITY_M_S2 * cos(path_wanted) + climb_rate / cos(path_wanted)
+
+    bank = airplane_bank.bank_for(lateral, upright, eta, bank_max)
+    pitch = airplane_pitch.pitch_for(
+        p.pitch,
+        memory.pitch_trim_rad,
+        path_wanted,
+        path_now,
+        bank_now,
+        upright,
+        airspeed,
+        climb.limited,
+        dt,
+    )
+    throttle = airplane_throttle.throttle_for(
+        p.throttle, memory.throttle_trim, asked, airspeed, path_wanted, bank.load, forward, climb.guarded, dt
+    )
+    full = airplane_envelope.stalling(p.envelope, airspeed)
+    learned = airplane_bank.effectiveness_step(
+        p.bank,
+        memory.bank,
+        v.x,
+        v.y,
+        (-air_s, air_c),
+        bank_now,
+        upright,
+        bank.saturated or climb.guarded,
+        dt,
+    )
+    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock)
+    power = p.throttle.highest if full else throttle.throttle
+    return (
+        after,
+        Demand(from_euler(bank.bank_rad, pitch.pitch_rad, heading), bank.bank_rad, pitch.pitch_rad, power),
+        Evaluation(
+            r,
+            e,
+            wanted,
+            course,
+            turn.off_rad,
+            turn.side,
+            airspeed,
+            asked,
+            climb.climb_m_s,
+            bank.load,
+            memory.waiting.rate,
+            Vec3(w_north, w_east, 0.0),
+            trims_of(after),
+            bank.saturated,
+            pitch.saturated,
+            throttle.saturated,
+            climb.limited,
+            climb.floored,
+            climb.guarded or full,
+        ),
+    )
+
+
+def _direction(north: float, east: float, heading_rad: float) -> tuple[float, float, float]:
+    """Speed, at least `MOVING_M_S`, and direction; that of the nose where there is no speed to speak of."""
+    speed = sqrt(north * north + east * east)
+    if speed < MOVING_M_S:
+        return MOVING_M_S, cos(heading_rad), sin(heading_rad)
+    return speed, north / speed, east / speed
+
+
+def _clock(
+    parameters: waiting.Parameters,
+    memory: waiting.Memory,
+    x: Vec3,
+    planned: Reference,
+    wind_north: float,
+    wind_east: float,
+    slowest_m_s: float,
+    dt: float,
+) -> waiting.Memory:
+    """A reference that waits also hurries: where the wind carries an airplane along the track faster than the
+    plan even at its least airspeed, the clock may run as fast as that."""
+    p = parameters
+    v = planned.velocity
+    speed = sqrt(v.x * v.x + v.y * v.y)
+    fastest = p.fastest
+    if p.fastest > 1.0 and speed > 0.0:
+        c, s = v.x / speed, v.y / speed
+        tail = wind_north * c + wind_east * s
+        cross = wind_east * c - wind_north * s
+        carried = tail + sqrt(max(slowest_m_s * slowest_m_s - cross * cross, 0.0))
+        fastest = max(fastest, carried / speed)
+    hurried = waiting.Parameters(p.slowest, fastest, p.per_m, p.free_m, p.falls_per_s, p.rises_per_s)
+    return waiting.waiting_step(hurried, memory, x, planned, dt)

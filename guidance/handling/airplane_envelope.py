@@ -1,0 +1,84 @@
+"""What an airplane may be asked for: airspeed, climb and height, and the stall guard that goes before all.
+
+In this order, so that the last word is the stall guard's:
+
+1. climb and sink within their limits, and no sink that would pass the floor: towards it at most
+   `floor_per_s` times the height above it, below it a climb of as much;
+2. no climb that full throttle cannot hold;
+3. within `margin_m_s` of the least airspeed the climb fades, and below it the nose goes down: at most level,
+   then a sink. Then the throttle is full and the wings are level (`airplane_bank.bank_limit`), whatever the
+   path wants.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+from guidance.limits import clamp
+
+
+class Parameters(NamedTuple):
+    """Airspeeds are true ones, m/s; V_min is that of level flight, n times the load takes sqrt(n) times it.
+
+    `margin_m_s` (> 0) above V_min is kept for gusts. `climb_max_m_s` and `sink_max_m_s` are > 0;
+    `floor_down_m` is the least height, positive down (inf for none).
+    """
+
+    airspeed_min_m_s: float
+    margin_m_s: float
+    airspeed_max_m_s: float
+    bank_max_rad: float
+    load_max: float
+    climb_max_m_s: float
+    sink_max_m_s: float
+    floor_down_m: float
+    floor_per_s: float
+
+
+class Climb(NamedTuple):
+    """Climb, m/s up, after all of the above; whether it was changed, by the floor, and by the stall guard."""
+
+    climb_m_s: float
+    limited: bool
+    floored: bool
+    guarded: bool
+
+
+def slowest_m_s(parameters: Parameters, load: float) -> float:
+    """The least airspeed that is asked for at this load factor; never more than the greatest."""
+    p = parameters
+    return min(p.airspeed_min_m_s * sqrt(max(load, 1.0)) + p.margin_m_s, p.airspeed_max_m_s)
+
+
+def airspeed_within(parameters: Parameters, wanted_m_s: float, load: float) -> float:
+    """The airspeed nearest to the wanted one that may be asked for."""
+    return clamp(wanted_m_s, slowest_m_s(parameters, load), parameters.airspeed_max_m_s)
+
+
+def stalling(parameters: Parameters, airspeed_m_s: float) -> bool:
+    """Slower than the least airspeed of level flight: full throttle."""
+    return airspeed_m_s < parameters.airspeed_min_m_s
+
+
+def climb_within(
+    parameters: Parameters, wanted_m_s: float, airspeed_m_s: float, down_m: float, steepest_sine: float
+) -> Climb:
+    """The climb that may be asked for at this airspeed and height.
+
+    `steepest_sine` is that of the path that full throttle holds.
+    """
+    p = parameters
+    floor = p.floor_per_s * (down_m - p.floor_down_m)
+    lowest = clamp(floor, -p.sink_max_m_s, p.climb_max_m_s)
+    climb = clamp(wanted_m_s, lowest, p.climb_max_m_s)
+    floored = floor > -p.sink_max_m_s and wanted_m_s < lowest
+    held = max(airspeed_m_s * steepest_sine, -p.sink_max_m_s)
+    if climb > held:
+        climb = held
+    spare = (airspeed_m_s - p.airspeed_min_m_s) / p.margin_m_s
+    guard = p.climb_max_m_s * spare if spare > 0.0 else p.sink_max_m_s * max(spare, -1.0)
+    guarded = climb > guard
+    if guarded:
+        climb = guard
+    return Climb(climb, climb != wanted_m_s, floored, guarded)

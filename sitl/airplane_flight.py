@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from guidance.handling import airplane
 from guidance.handling.airplane import Measured, airplane_step
-from guidance.handling.airplane_prediction import coasted
 from guidance.se3 import Pose, Reference, Vec3, from_euler
 from guidance.trajectory import circle, helix
 from sitl.models import airplane as model
@@ -200,15 +199,14 @@ def fly(
             state = model.step(body, state, blows, MODEL_STEP_S)
         gusts = gusts_step(turbulence, gusts, state.airspeed_m_s, (z[0], z[1], z[2]), GUIDE_STEP_S)
 
-        w = Vec3(memory.wind.north_m_s, memory.wind.east_m_s, 0.0)
         ahead = AGE_S + ahead_s
-        x_then, v_then = coasted(x, v, w, roll, memory.bank.effectiveness, ahead)
         measured = Measured(
-            Pose(x_then, from_euler(roll, pitch, heading)),
-            v_then,
+            Pose(x, from_euler(roll, pitch, heading)),
+            v,
             airspeed,
             wind_given,
             Vec3(wind.north_m_s, wind.east_m_s, wind.down_m_s),
+            ahead,
         )
         r = planned(task, phase, height_m)
         seen = planned(task, phase_step(task, phase, -ahead * memory.waiting.rate), height_m)

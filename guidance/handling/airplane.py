@@ -26,12 +26,15 @@ from guidance.handling import (
     waiting,
 )
 from guidance.handling.airplane_bank import GRAVITY_M_S2
+from guidance.handling.airplane_prediction import coasted
 from guidance.law import field_of
 from guidance.limits import clamp
 from guidance.se3 import Pose, Quaternion, Reference, Vec3, dot, from_euler, roll_of, subtract, yaw_of
 
 #: Slower (m/s) in the air, or over ground, no direction and no division is taken from it.
 MOVING_M_S: Final = 3.0
+#: An airplane that is further (m) behind is waited for in any wind.
+HURRIED_M: Final = 15.0
 
 
 class Parameters(NamedTuple):
@@ -71,13 +74,18 @@ class Memory(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Pose and velocity over ground, NED; true airspeed (0: not measured); the wind if the autopilot knows it."""
+    """Pose and velocity over ground, NED; true airspeed (0: not measured); the wind if the autopilot knows it.
+
+    `ahead_s` is how much later the demand acts: position and velocity are moved there (`airplane_prediction`).
+    It is 0 for a caller who did so.
+    """
 
     pose: Pose
     velocity_ned_m_s: Vec3
     airspeed_m_s: float
     wind_given: bool
     wind_ned_m_s: Vec3
+    ahead_s: float
 
 
 class Demand(NamedTuple):
@@ -122,7 +130,7 @@ def unstarted(trims: Trims) -> Memory:
     """Before the first step of a flight, with what the last one learned."""
     return Memory(
         0,
-        airplane_wind.Memory(0.0, 0.0),
+        airplane_wind.UNKNOWN,
         airplane_bank.unlearned(trims.effectiveness),
         trims.pitch_rad,
         trims.throttle,
@@ -140,28 +148,35 @@ def airplane_step(
 ) -> tuple[Memory, Demand, Evaluation]:
     """`dt` s (> 0) after the step before, with the reference as planned at flight time - `waited_s`.
 
-    Measured state and reference are those of the instant at which the demand acts. The caller has checked
+    The reference is that of the instant at which the demand acts. The caller has checked
     that all is finite and the attitude a unit quaternion; then nothing raises and all is finite.
     """
     p = parameters
-    x = measured.pose.position
-    v = measured.velocity_ned_m_s
+    seen = measured.velocity_ned_m_s
     bank_now = roll_of(measured.pose.attitude)
     heading = yaw_of(measured.pose.attitude)
     wind = airplane_wind.wind_step(
-        p.wind, memory.wind, v, heading, measured.airspeed_m_s, measured.wind_given, measured.wind_ned_m_s, dt
+        p.wind, memory.wind, seen, heading, measured.airspeed_m_s, measured.wind_given, measured.wind_ned_m_s, dt
     )
-    w_north, w_east = wind
+    w_north, w_east = wind.north_m_s, wind.east_m_s
+    eta = memory.bank.effectiveness
+    x, v = coasted(
+        measured.pose.position, seen, Vec3(w_north, w_east, 0.0), bank_now, eta, measured.ahead_s
+    )
     # directions along the ground's course and along the air's, level, and the speeds
     ground, ground_c, ground_s = _direction(v.x, v.y, heading)
     air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
-    airspeed = sqrt(air * air + v.z * v.z)
+    carried = sqrt(air * air + v.z * v.z)
+    # the wing feels the gusts that a sensor sees; the path over ground does not
+    airspeed = max(measured.airspeed_m_s, MOVING_M_S) if measured.airspeed_m_s > 0.0 else carried
     course = atan2(ground_s, ground_c)
 
     # as steep as the wing is loaded now
     load_now = 1.0 / cos(clamp(bank_now, -1.3, 1.3))
     slowest = airplane_envelope.slowest_m_s(p.envelope, load_now)
-    clock = _clock(p.waiting, memory.waiting, x, reference, w_north, w_east, slowest, dt)
+    fastest = airplane_throttle.fastest_m_s(p.throttle, memory.throttle_trim, load_now, -reference.velocity.z)
+    fastest = min(fastest, p.envelope.airspeed_max_m_s)
+    clock = _clock(p.waiting, memory.waiting, x, reference, w_north, w_east, slowest, fastest, dt)
     # s'' is left out: of a noisy position it is mostly noise, and it only pushes along the track
     r = waiting.on_clock(reference, memory.waiting.rate, 0.0)
 
@@ -174,7 +189,6 @@ def airplane_step(
     Xr_dot = subtract(a, error_function.times(d.hessian, v))
     wanted = airplane_course.wanted_of(Xr, Xr_dot, course)
 
-    eta = memory.bank.effectiveness
     bank_max = airplane_bank.bank_limit(
         p.envelope.bank_max_rad, p.envelope.load_max, airspeed, p.envelope.airspeed_min_m_s
     )
@@ -191,9 +205,8 @@ def airplane_step(
 
     # the airspeed that makes the ground speed, and the climb
     level = Vec3(Xr.x - w_north, Xr.y - w_east, 0.0)
-    asked = airplane_envelope.airspeed_within(
-        p.envelope, sqrt(dot(level, level) + wanted.climb_m_s * wanted.climb_m_s), load_now
-    )
+    asked = sqrt(dot(level, level) + wanted.climb_m_s * wanted.climb_m_s)
+    missing = airplane_envelope.missing_within(p.envelope, asked - carried, airspeed, load_now)
     steepest = airplane_throttle.steepest_sine(p.throttle, memory.throttle_trim, airspeed, load_now)
     climb = airplane_envelope.climb_within(p.envelope, wanted.climb_m_s, airspeed, x.z, steepest)
     path_wanted = airplane_pitch.path_angle(climb.climb_m_s, airspeed)
@@ -201,7 +214,7 @@ def airplane_step(
 
     # level accelerations over ground, and the same along and across the air's direction
     to_side = ground * turn.course_rate_rad_s
-    along = turn.aligned * wanted.acceleration_m_s2 if slowest < asked < p.envelope.airspeed_max_m_s else 0.0
+    along = turn.aligned * wanted.acceleration_m_s2 if missing == asked - carried else 0.0
     crab_c = ground_c * air_c + ground_s * air_s
     crab_s = ground_s * air_c - ground_c * air_s
     lateral = to_side * crab_c + along * crab_s
@@ -222,15 +235,14 @@ def airplane_step(
         dt,
     )
     throttle = airplane_throttle.throttle_for(
-        p.throttle, memory.throttle_trim, asked, airspeed, path_wanted, bank.load, forward, climb.guarded, dt
+        p.throttle, memory.throttle_trim, missing, airspeed, path_wanted, bank.load, forward, climb.guarded, dt
     )
     full = airplane_envelope.stalling(p.envelope, airspeed)
     learned = airplane_bank.effectiveness_step(
         p.bank,
         memory.bank,
-        v.x,
-        v.y,
-        (-air_s, air_c),
+        seen,
+        Vec3(w_north, w_east, 0.0),
         bank_now,
         upright,
         bank.saturated or climb.guarded,
@@ -249,7 +261,7 @@ def airplane_step(
             turn.off_rad,
             turn.side,
             airspeed,
-            asked,
+            airspeed + missing,
             climb.climb_m_s,
             bank.load,
             memory.waiting.rate,
@@ -281,19 +293,29 @@ def _clock(
     wind_north: float,
     wind_east: float,
     slowest_m_s: float,
+    fastest_m_s: float,
     dt: float,
 ) -> waiting.Memory:
-    """A reference that waits also hurries: where the wind carries an airplane along the track faster than the
-    plan even at its least airspeed, the clock may run as fast as that."""
+    """The clock, no quicker than the airplane can fly against this wind and, unless it is behind by more than
+    `HURRIED_M`, no slower than it must with it."""
     p = parameters
     v = planned.velocity
     speed = sqrt(v.x * v.x + v.y * v.y)
-    fastest = p.fastest
     if p.fastest > 1.0 and speed > 0.0:
         c, s = v.x / speed, v.y / speed
         tail = wind_north * c + wind_east * s
-        cross = wind_east * c - wind_north * s
-        carried = tail + sqrt(max(slowest_m_s * slowest_m_s - cross * cross, 0.0))
-        fastest = max(fastest, carried / speed)
-    hurried = waiting.Parameters(p.slowest, fastest, p.per_m, p.free_m, p.falls_per_s, p.rises_per_s)
-    return waiting.waiting_step(hurried, memory, x, planned, dt)
+        cross2 = (wind_east * c - wind_north * s) ** 2
+        least = (tail + sqrt(max(slowest_m_s * slowest_m_s - cross2, 0.0))) / speed
+        most = (tail + sqrt(max(fastest_m_s * fastest_m_s - cross2, 0.0))) / speed
+        behind = c * (planned.position.x - x.x) + s * (planned.position.y - x.y)
+        hurry = clamp(1.0 - behind / HURRIED_M, 0.0, 1.0) * max(least - p.slowest, 0.0)
+        slowest = min(p.slowest + hurry, max(1.0, least))
+        p = waiting.Parameters(
+            slowest,
+            max(min(most, max(p.fastest, least)), slowest),
+            p.per_m,
+            p.free_m,
+            p.falls_per_s,
+            p.rises_per_s,
+        )
+    return waiting.waiting_step(p, memory, x, planned, dt)

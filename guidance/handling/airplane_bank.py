@@ -14,6 +14,7 @@ from math import atan, atan2, cos, sqrt, tan
 from typing import Final, NamedTuple
 
 from guidance.limits import clamp
+from guidance.se3 import Vec3
 
 GRAVITY_M_S2: Final = 9.80665
 #: The least part of g that is carried: a bank is never computed for a fall.
@@ -81,9 +82,8 @@ def unlearned(effectiveness: float) -> Memory:
 def effectiveness_step(
     parameters: Parameters,
     memory: Memory,
-    north_m_s: float,
-    east_m_s: float,
-    across: tuple[float, float],
+    velocity_ned_m_s: Vec3,
+    wind_ned_m_s: Vec3,
     bank_rad: float,
     vertical_m_s2: float,
     frozen: bool,
@@ -91,10 +91,11 @@ def effectiveness_step(
 ) -> Memory:
     """eta `dt_s` later: the turn that was seen over the turn that the bank should have given.
 
-    Velocity over ground; `across` is the level unit vector to the right of the air's direction. Both sides are
-    smoothed alike, so that the lag cancels. `frozen` while a limit bites.
+    Velocity over ground and bank of one instant; both sides are smoothed alike, so that the lag cancels.
+    `frozen` while a limit bites.
     """
     p = parameters
+    north_m_s, east_m_s = velocity_ned_m_s.x, velocity_ned_m_s.y
     banked = vertical_m_s2 * tan(clamp(bank_rad, -1.3, 1.3))
     if not memory.started:
         return Memory(memory.effectiveness, north_m_s, east_m_s, banked, True)
@@ -104,7 +105,13 @@ def effectiveness_step(
     smooth = memory.banked_m_s2 + part * (banked - memory.banked_m_s2)
     eta = memory.effectiveness
     if not frozen and abs(smooth) >= p.excited_m_s2:
-        # (v - smoothed v)/lag is the smoothed acceleration
-        seen = ((north_m_s - north) * across[0] + (east_m_s - east) * across[1]) / p.lag_s
-        eta = clamp(eta + p.per_s * dt_s * (seen / smooth - eta), p.lowest, p.highest)
+        # (v - smoothed v)/lag is the smoothed acceleration; exact on a ramp with the v before this step
+        change_north, change_east = north_m_s - memory.north_m_s, east_m_s - memory.east_m_s
+        air_north, air_east = north_m_s - wind_ned_m_s.x, east_m_s - wind_ned_m_s.y
+        air = sqrt(air_north * air_north + air_east * air_east)
+        if air > 0.0:
+            seen = (change_east * air_north - change_north * air_east) / (air * p.lag_s)
+            # the step of least squares: a weak turn teaches little
+            gain = p.per_s * dt_s * smooth / (smooth * smooth + p.excited_m_s2 * p.excited_m_s2)
+            eta = clamp(eta + gain * (seen - eta * smooth), p.lowest, p.highest)
     return Memory(eta, north, east, smooth, True)

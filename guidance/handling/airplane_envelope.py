@@ -13,9 +13,13 @@ In this order, so that the last word is the stall guard's:
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from guidance.limits import clamp
+
+
+#: Sine of the path that the guard takes a margin below the least airspeed, whatever sink is allowed else.
+DIVE_SINE: Final = 0.4
 
 
 class Parameters(NamedTuple):
@@ -51,9 +55,13 @@ def slowest_m_s(parameters: Parameters, load: float) -> float:
     return min(p.airspeed_min_m_s * sqrt(max(load, 1.0)) + p.margin_m_s, p.airspeed_max_m_s)
 
 
-def airspeed_within(parameters: Parameters, wanted_m_s: float, load: float) -> float:
-    """The airspeed nearest to the wanted one that may be asked for."""
-    return clamp(wanted_m_s, slowest_m_s(parameters, load), parameters.airspeed_max_m_s)
+def missing_within(parameters: Parameters, missing_m_s: float, airspeed_m_s: float, load: float) -> float:
+    """How much faster to fly, nearest to `missing_m_s`, for an airspeed within the envelope.
+
+    What the path misses is known over ground, the airspeed from its sensor: gusts are in the second alone.
+    """
+    p = parameters
+    return clamp(missing_m_s, slowest_m_s(p, load) - airspeed_m_s, p.airspeed_max_m_s - airspeed_m_s)
 
 
 def stalling(parameters: Parameters, airspeed_m_s: float) -> bool:
@@ -77,7 +85,7 @@ def climb_within(
     if climb > held:
         climb = held
     spare = (airspeed_m_s - p.airspeed_min_m_s) / p.margin_m_s
-    guard = p.climb_max_m_s * spare if spare > 0.0 else p.sink_max_m_s * max(spare, -1.0)
+    guard = p.climb_max_m_s * spare if spare > 0.0 else DIVE_SINE * airspeed_m_s * max(spare, -1.0)
     guarded = climb > guard
     if guarded:
         climb = guard

@@ -8,11 +8,15 @@ while the throttle is at an end (anti-windup).
 
 from __future__ import annotations
 
-from math import sin
-from typing import NamedTuple
+from math import sin, sqrt
+from typing import Final, NamedTuple
 
 from guidance.handling.airplane_bank import GRAVITY_M_S2
 from guidance.limits import clamp
+
+
+#: Drag is asked for at this speed (m/s) or more: towards rest the induced part has no bound.
+SLOWEST_M_S: Final = 3.0
 
 
 class Parameters(NamedTuple):
@@ -52,10 +56,24 @@ def steepest_sine(parameters: Parameters, trim: float, airspeed_m_s: float, load
     return clamp(excess / GRAVITY_M_S2, -0.5, 0.5)
 
 
+def fastest_m_s(parameters: Parameters, trim: float, load: float, climb_m_s: float) -> float:
+    """The airspeed that full throttle holds in this climb, at this load factor; 0 if none."""
+    p = parameters
+    spare = p.thrust_m_s2 * (p.highest - trim)
+    # a climb takes g climb/V, at the V without it: drag = spare - g climb/V
+    for _ in range(3):
+        root = spare * spare - 4.0 * p.drag_per_m * p.induced_m3_s4 * load * load
+        if root <= 0.0 or spare <= 0.0:
+            return 0.0
+        speed = sqrt((spare + sqrt(root)) / (2.0 * p.drag_per_m))
+        spare = p.thrust_m_s2 * (p.highest - trim) - GRAVITY_M_S2 * climb_m_s / speed
+    return speed
+
+
 def throttle_for(
     parameters: Parameters,
     trim: float,
-    wanted_m_s: float,
+    missing_m_s: float,
     airspeed_m_s: float,
     path_rad: float,
     load: float,
@@ -63,13 +81,12 @@ def throttle_for(
     frozen: bool,
     dt_s: float,
 ) -> Throttle:
-    """The throttle for the airspeed `wanted_m_s` (> 0) on this path, at this load factor."""
+    """The throttle to fly `missing_m_s` faster than `airspeed_m_s` (> 0) on this path, at this load factor."""
     p = parameters
-    needed = drag_m_s2(p, wanted_m_s, load) + GRAVITY_M_S2 * sin(path_rad) + acceleration_m_s2
-    missing = wanted_m_s - airspeed_m_s
-    wanted = needed / p.thrust_m_s2 + p.proportional_s_m * missing + trim
+    needed = drag_m_s2(p, max(airspeed_m_s + missing_m_s, SLOWEST_M_S), load) + GRAVITY_M_S2 * sin(path_rad) + acceleration_m_s2
+    wanted = needed / p.thrust_m_s2 + p.proportional_s_m * missing_m_s + trim
     throttle = clamp(wanted, p.lowest, p.highest)
-    winding = (wanted > p.highest and missing > 0.0) or (wanted < p.lowest and missing < 0.0)
+    winding = (wanted > p.highest and missing_m_s > 0.0) or (wanted < p.lowest and missing_m_s < 0.0)
     if not frozen and not winding:
-        trim = clamp(trim + p.integral_per_m * missing * dt_s, -p.trim_max, p.trim_max)
+        trim = clamp(trim + p.integral_per_m * missing_m_s * dt_s, -p.trim_max, p.trim_max)
     return Throttle(throttle, throttle != wanted, trim)

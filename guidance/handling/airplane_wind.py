@@ -9,7 +9,7 @@ it is followed more slowly. The vertical wind is taken as zero: nothing measures
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from guidance.limits import clamp
 from guidance.se3 import Vec3
@@ -26,10 +26,14 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The estimate, NED, m/s, as it stands."""
+    """The estimate, NED, m/s, as it stands; `known` once something told of it."""
 
     north_m_s: float
     east_m_s: float
+    known: bool
+
+
+UNKNOWN: Final = Memory(0.0, 0.0, False)
 
 
 def wind_step(
@@ -43,20 +47,26 @@ def wind_step(
     dt_s: float,
 ) -> Memory:
     """The estimate `dt_s` later. With `given` it follows the autopilot's; else, with an airspeed above 0, its
-    own; else it stays."""
-    north, east = memory
+    own; else it stays. What comes first is taken as it is."""
+    north, east, known = memory
     if given:
-        part = clamp(parameters.given_per_s * dt_s, 0.0, 1.0)
+        part = clamp(parameters.given_per_s * dt_s, 0.0, 1.0) if known else 1.0
         north += part * (given_ned_m_s.x - north)
         east += part * (given_ned_m_s.y - east)
+        known = True
     elif airspeed_m_s > 0.0:
+        level2 = airspeed_m_s * airspeed_m_s - velocity_ned_m_s.z * velocity_ned_m_s.z
+        level = sqrt(max(level2, 0.0))
+        if not known:
+            north = velocity_ned_m_s.x - level * cos(heading_rad)
+            east = velocity_ned_m_s.y - level * sin(heading_rad)
+            known = True
         air_north, air_east = velocity_ned_m_s.x - north, velocity_ned_m_s.y - east
         air = sqrt(air_north * air_north + air_east * air_east)
-        level2 = airspeed_m_s * airspeed_m_s - velocity_ned_m_s.z * velocity_ned_m_s.z
-        if air > 0.0 and level2 > 0.0:
+        if air > 0.0:
             c, s = air_north / air, air_east / air
             # v - w is too long by this much, and turned from the heading to the right by this much
-            long = air - sqrt(level2)
+            long = air - level
             turned = air * (cos(heading_rad) * s - sin(heading_rad) * c)
             along = clamp(parameters.along_per_s * dt_s, 0.0, 1.0) * long
             across = clamp(parameters.across_per_s * dt_s, 0.0, 1.0) * turned
@@ -66,4 +76,4 @@ def wind_step(
     if length > parameters.wind_max_m_s:
         north *= parameters.wind_max_m_s / length
         east *= parameters.wind_max_m_s / length
-    return Memory(north, east)
+    return Memory(north, east, known)

@@ -35,7 +35,7 @@ from sitl.models import airplane as model
 from sitl.models.files import load
 from sitl.models.gusts import CALM, Turbulence, Wind
 
-WAITING: Final = waiting.Parameters(0.5, 1.15, 0.1, 0.3, 0.5, 0.2)
+WAITING: Final = waiting.Parameters(0.5, 1.15, 0.25, 0.3, 0.5, 0.2)
 PUNCTUAL: Final = waiting.OFF
 WIND: Final = airplane_wind.Parameters(0.3, 0.05, 0.5, 15.0)
 
@@ -53,19 +53,20 @@ def airplane_12() -> Airplane:
     return Airplane(
         load(model.Parameters, "airplane_12", model.POSITIVE, model.SIGNED),
         airplane.Parameters(
-            k_per_s=0.35,
-            approach_m_s=10.0,
-            climb_m_s=2.0,
-            rho_per_s=1.2,
+            k_per_s=0.5,
+            k_up_per_s=0.8,
+            approach_m_s=12.0,
+            approach_up_m_s=2.0,
+            rho_per_s=1.6,
             roll_rate_rad_s=1.5,
-            envelope=airplane_envelope.Parameters(10.0, 0.6, 14.0, radians(45.0), 1.6, 2.0, 3.0, -20.0, 0.5),
+            envelope=airplane_envelope.Parameters(10.0, 0.6, 14.0, radians(52.0), 1.8, 2.5, 3.0, -20.0, 0.5),
             bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
-            pitch=airplane_pitch.Parameters(-0.06, 5.0, 0.5, 0.15, 0.15, radians(-25), radians(25)),
-            throttle=airplane_throttle.Parameters(12.5, 0.06, 300.0, 0.08, 0.02, 0.3, 0.0, 1.0),
+            pitch=airplane_pitch.Parameters(-0.06, 5.0, 0.5, 0.3, 0.15, radians(-25), radians(25)),
+            throttle=airplane_throttle.Parameters(12.5, 0.06, 300.0, 0.3, 0.08, 0.3, 0.0, 1.0),
             wind=WIND,
             waiting=PUNCTUAL,
         ),
-        0.1,
+        0.05,
     )
 
 
@@ -74,21 +75,22 @@ def airplane_20() -> Airplane:
     return Airplane(
         load(model.Parameters, "airplane_20", model.POSITIVE, model.SIGNED),
         airplane.Parameters(
-            k_per_s=0.35,
-            approach_m_s=14.0,
-            climb_m_s=3.0,
-            rho_per_s=1.2,
+            k_per_s=0.5,
+            k_up_per_s=0.8,
+            approach_m_s=18.0,
+            approach_up_m_s=3.0,
+            rho_per_s=1.5,
             roll_rate_rad_s=1.5,
             envelope=airplane_envelope.Parameters(
                 12.0, 1.0, 26.0, radians(58.0), 2.0, 4.0, 4.0, -20.0, 0.5
             ),
             bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
-            pitch=airplane_pitch.Parameters(-0.06, 12.0, 0.3, 0.15, 0.15, radians(-18), radians(22)),
-            throttle=airplane_throttle.Parameters(13.0, 0.0115, 120.0, 0.1, 0.02, 0.3, 0.0, 1.0),
+            pitch=airplane_pitch.Parameters(-0.06, 12.0, 0.25, 0.3, 0.15, radians(-18), radians(22)),
+            throttle=airplane_throttle.Parameters(13.0, 0.0115, 120.0, 0.25, 0.08, 0.3, 0.0, 1.0),
             wind=WIND,
             waiting=PUNCTUAL,
         ),
-        0.3,
+        0.1,
     )
 
 

@@ -38,12 +38,14 @@ HURRIED_M: Final = 15.0
 
 
 class Parameters(NamedTuple):
-    """`k_per_s` is lambda k of the field, approached at most at `approach_m_s` level and `climb_m_s` up and
-    down; `rho_per_s` the turn's gain; `roll_rate_rad_s` how fast the bank can change."""
+    """`k_per_s` is lambda k of the field in the plane, `k_up_per_s` that of its vertical, approached at most at
+    `approach_m_s` and `approach_up_m_s`; `rho_per_s` is the turn's gain, `roll_rate_rad_s` how fast the bank can
+    change."""
 
     k_per_s: float
+    k_up_per_s: float
     approach_m_s: float
-    climb_m_s: float
+    approach_up_m_s: float
     rho_per_s: float
     roll_rate_rad_s: float
     envelope: airplane_envelope.Parameters
@@ -181,17 +183,11 @@ def airplane_step(
     r = waiting.on_clock(reference, memory.waiting.rate, 0.0)
 
     e = subtract(x, r.position)
-    chosen = error_function.ErrorFunction(
-        error_function.BOUNDED_APART, p.approach_m_s, p.climb_m_s, 0.0, 1.0, r.position
-    )
-    d = error_function.derivatives(chosen, p.k_per_s, 1.0, e, r)
-    Xr, a = field_of(1.0, d, r)
-    Xr_dot = subtract(a, error_function.times(d.hessian, v))
+    Xr, Xr_dot = _field(p, e, r, v)
     wanted = airplane_course.wanted_of(Xr, Xr_dot, course)
 
-    bank_max = airplane_bank.bank_limit(
-        p.envelope.bank_max_rad, p.envelope.load_max, airspeed, p.envelope.airspeed_min_m_s
-    )
+    load_max = airplane_envelope.most_load(p.envelope, airspeed)
+    bank_max = airplane_bank.bank_limit(p.envelope.bank_max_rad, load_max)
     turning = GRAVITY_M_S2 * eta / ground
     turn = airplane_course.turn_to(
         p.rho_per_s,
@@ -206,9 +202,13 @@ def airplane_step(
     # the airspeed that makes the ground speed, and the climb
     level = Vec3(Xr.x - w_north, Xr.y - w_east, 0.0)
     asked = sqrt(dot(level, level) + wanted.climb_m_s * wanted.climb_m_s)
-    missing = airplane_envelope.missing_within(p.envelope, asked - carried, airspeed, load_now)
-    steepest = airplane_throttle.steepest_sine(p.throttle, memory.throttle_trim, airspeed, load_now)
-    climb = airplane_envelope.climb_within(p.envelope, wanted.climb_m_s, airspeed, x.z, steepest)
+    # height before speed: what a climb leaves of the thrust is for the speed, down to the slowest
+    best = slowest * airplane_throttle.steepest_sine(p.throttle, memory.throttle_trim, slowest, load_now)
+    climb = airplane_envelope.climb_within(p.envelope, wanted.climb_m_s, airspeed, x.z, best)
+    powered = airplane_throttle.fastest_m_s(p.throttle, memory.throttle_trim, load_now, climb.climb_m_s)
+    missing = airplane_envelope.missing_within(
+        p.envelope, min(asked, max(powered, slowest)) - carried, airspeed, load_now
+    )
     path_wanted = airplane_pitch.path_angle(climb.climb_m_s, airspeed)
     path_now = airplane_pitch.path_angle(-v.z, airspeed)
 
@@ -231,7 +231,8 @@ def airplane_step(
         bank_now,
         upright,
         airspeed,
-        climb.limited,
+        load_max,
+        climb.guarded,
         dt,
     )
     throttle = airplane_throttle.throttle_for(
@@ -283,6 +284,22 @@ def _direction(north: float, east: float, heading_rad: float) -> tuple[float, fl
     if speed < MOVING_M_S:
         return MOVING_M_S, cos(heading_rad), sin(heading_rad)
     return speed, north / speed, east / speed
+
+
+def _field(p: Parameters, e: Vec3, r: Reference, v: Vec3) -> tuple[Vec3, Vec3]:
+    """Xr and its derivative along the measured velocity: Xr' = r'' + H (r' - v), with either k."""
+    bounded = error_function.ErrorFunction(
+        error_function.BOUNDED_APART, p.approach_m_s, p.approach_up_m_s, 0.0, 1.0, r.position
+    )
+    level = error_function.derivatives(bounded, p.k_per_s, 1.0, e, r)
+    up = error_function.derivatives(bounded, p.k_up_per_s, 1.0, e, r)
+    Xr, a = field_of(1.0, level, r)
+    Xr_up, a_up = field_of(1.0, up, r)
+    turned = error_function.times(level.hessian, v)
+    return (
+        Vec3(Xr.x, Xr.y, Xr_up.z),
+        Vec3(a.x - turned.x, a.y - turned.y, a_up.z - up.hessian.zz * v.z),
+    )
 
 
 def _clock(

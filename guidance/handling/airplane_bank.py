@@ -39,11 +39,9 @@ def bank_for(
     return Bank(bank, carried / (GRAVITY_M_S2 * cos(bank)), bank != wanted)
 
 
-def bank_limit(bank_max_rad: float, load_max: float, airspeed_m_s: float, airspeed_min_m_s: float) -> float:
-    """The largest bank (rad) at this airspeed: at most `bank_max_rad`, at most what `load_max` carries, and
-    no more than the wing carries, n <= (V/V_min)^2. At V_min and below it is 0: level first."""
-    ratio = airspeed_m_s / airspeed_min_m_s
-    load = min(load_max, ratio * ratio)
+def bank_limit(bank_max_rad: float, load: float) -> float:
+    """The largest bank (rad) that this load factor carries in level flight, at most `bank_max_rad`; with less
+    than a load of 1 it is 0: level first."""
     if load <= 1.0:
         return 0.0
     return min(bank_max_rad, atan(sqrt(load * load - 1.0)))

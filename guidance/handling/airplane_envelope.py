@@ -7,7 +7,8 @@ In this order, so that the last word is the stall guard's:
 2. no climb that full throttle cannot hold;
 3. within `margin_m_s` of the least airspeed the climb fades, and below it the nose goes down: at most level,
    then a sink. Then the throttle is full and the wings are level (`airplane_bank.bank_limit`), whatever the
-   path wants.
+   path wants. At every speed the nose stays below what would stall the wing (`airplane_pitch`): V_min's angle
+   of attack is never exceeded, in no pull-up either.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from typing import Final, NamedTuple
 from guidance.limits import clamp
 
 
-#: Sine of the path that the guard takes a margin below the least airspeed, whatever sink is allowed else.
+#: Sine of the path that the guard takes, whatever sink is allowed else, this part below the least airspeed.
 DIVE_SINE: Final = 0.4
+DIVE_BELOW: Final = 0.15
 
 
 class Parameters(NamedTuple):
@@ -64,28 +66,32 @@ def missing_within(parameters: Parameters, missing_m_s: float, airspeed_m_s: flo
     return clamp(missing_m_s, slowest_m_s(p, load) - airspeed_m_s, p.airspeed_max_m_s - airspeed_m_s)
 
 
+def most_load(parameters: Parameters, airspeed_m_s: float) -> float:
+    """The load factor that the wing may carry at this airspeed, (V/V_min)^2 and `load_max` at most."""
+    ratio = airspeed_m_s / parameters.airspeed_min_m_s
+    return min(parameters.load_max, ratio * ratio)
+
+
 def stalling(parameters: Parameters, airspeed_m_s: float) -> bool:
     """Slower than the least airspeed of level flight: full throttle."""
     return airspeed_m_s < parameters.airspeed_min_m_s
 
 
 def climb_within(
-    parameters: Parameters, wanted_m_s: float, airspeed_m_s: float, down_m: float, steepest_sine: float
+    parameters: Parameters, wanted_m_s: float, airspeed_m_s: float, down_m: float, held_m_s: float
 ) -> Climb:
-    """The climb that may be asked for at this airspeed and height.
-
-    `steepest_sine` is that of the path that full throttle holds.
-    """
+    """The climb that may be asked for at this airspeed and height; `held_m_s` is what full throttle can hold."""
     p = parameters
     floor = p.floor_per_s * (down_m - p.floor_down_m)
     lowest = clamp(floor, -p.sink_max_m_s, p.climb_max_m_s)
     climb = clamp(wanted_m_s, lowest, p.climb_max_m_s)
     floored = floor > -p.sink_max_m_s and wanted_m_s < lowest
-    held = max(airspeed_m_s * steepest_sine, -p.sink_max_m_s)
-    if climb > held:
-        climb = held
-    spare = (airspeed_m_s - p.airspeed_min_m_s) / p.margin_m_s
-    guard = p.climb_max_m_s * spare if spare > 0.0 else DIVE_SINE * airspeed_m_s * max(spare, -1.0)
+    climb = min(climb, max(held_m_s, -p.sink_max_m_s))
+    spare = airspeed_m_s - p.airspeed_min_m_s
+    if spare > 0.0:
+        guard = p.climb_max_m_s * spare / p.margin_m_s
+    else:
+        guard = DIVE_SINE * airspeed_m_s * max(spare / (DIVE_BELOW * p.airspeed_min_m_s), -1.0)
     guarded = climb > guard
     if guarded:
         climb = guard

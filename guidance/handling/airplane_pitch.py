@@ -13,10 +13,14 @@ autopilot that holds less pitch than it is told (PX4 held three quarters). Witho
 from __future__ import annotations
 
 from math import asin, cos
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from guidance.handling.airplane_bank import GRAVITY_M_S2
 from guidance.limits import clamp
+
+
+#: No push-over takes the load below this.
+LOAD_MIN: Final = 0.2
 
 
 class Parameters(NamedTuple):
@@ -53,22 +57,27 @@ def pitch_for(
     bank_rad: float,
     vertical_m_s2: float,
     airspeed_m_s: float,
+    load_max: float,
     frozen: bool,
     dt_s: float,
 ) -> Pitch:
-    """The pitch for the path angle `wanted_rad` when it is `path_rad`.
+    """The pitch for the path angle `wanted_rad` when it is `path_rad`, at a load factor of `load_max` at most.
 
-    The trim is learned unless `frozen`, and rests while the pitch is at a limit.
+    The trim is learned unless `frozen`, and rests while the pitch is at its own limit.
     """
     p = parameters
+    upright = cos(bank_rad)
     load = vertical_m_s2 / GRAVITY_M_S2
-    alpha = p.alpha_zero_rad * cos(bank_rad) + p.alpha_per_load_rad_m2_s2 * load / (
-        airspeed_m_s * airspeed_m_s
-    )
+    per_load = p.alpha_per_load_rad_m2_s2 / (airspeed_m_s * airspeed_m_s)
     missing = wanted_rad - path_rad
-    wanted = wanted_rad + alpha + p.lead * missing + trim_rad
-    pitch = clamp(wanted, p.lowest_rad, p.highest_rad)
-    saturated = pitch != wanted
-    if not frozen and not saturated:
+    zero = p.alpha_zero_rad * upright + trim_rad
+    wanted = wanted_rad + zero + per_load * load + p.lead * missing
+    # the nose above the path makes the load, whatever path is wanted
+    least = path_rad + zero + per_load * LOAD_MIN * upright
+    most = path_rad + zero + per_load * load_max * upright
+    loaded = clamp(wanted, least, most)
+    pitch = clamp(loaded, p.lowest_rad, p.highest_rad)
+    # a wrong trim moves the bounds of the load as well, so these must not keep it from being learned
+    if not frozen and pitch == loaded:
         trim_rad = clamp(trim_rad + p.trim_per_s * missing * dt_s, -p.trim_max_rad, p.trim_max_rad)
-    return Pitch(pitch, saturated, trim_rad)
+    return Pitch(pitch, pitch != wanted, trim_rad)

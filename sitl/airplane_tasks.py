@@ -53,11 +53,11 @@ def airplane_12() -> Airplane:
     return Airplane(
         load(model.Parameters, "airplane_12", model.POSITIVE, model.SIGNED),
         airplane.Parameters(
-            k_per_s=0.5,
+            k_per_s=0.65,
             k_up_per_s=0.8,
-            approach_m_s=12.0,
+            approach_m_s=13.0,
             approach_up_m_s=2.0,
-            rho_per_s=1.6,
+            rho_per_s=1.8,
             roll_rate_rad_s=1.5,
             envelope=airplane_envelope.Parameters(10.0, 0.6, 14.0, radians(52.0), 1.8, 2.5, 3.0, -20.0, 0.5),
             bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),

@@ -35,6 +35,8 @@ from guidance.se3 import Pose, Quaternion, Reference, Vec3, dot, from_euler, rol
 MOVING_M_S: Final = 3.0
 #: An airplane that is further (m) behind is waited for in any wind.
 HURRIED_M: Final = 15.0
+#: So much of the greatest bank's acceleration is for the plan; the rest is for errors and gusts.
+TURNED_PART: Final = 0.75
 
 
 class Parameters(NamedTuple):
@@ -178,7 +180,19 @@ def airplane_step(
     slowest = airplane_envelope.slowest_m_s(p.envelope, load_now)
     fastest = airplane_throttle.fastest_m_s(p.throttle, memory.throttle_trim, load_now, -reference.velocity.z)
     fastest = min(fastest, p.envelope.airspeed_max_m_s)
-    clock = _clock(p.waiting, memory.waiting, x, reference, w_north, w_east, slowest, fastest, dt)
+    steady = airplane_envelope.most_load(p.envelope, airspeed, 1.0)
+    bank_max = airplane_bank.bank_limit(p.envelope.bank_max_rad, steady)
+    clock = _clock(
+        p.waiting,
+        memory.waiting,
+        reference,
+        x,
+        v,
+        airspeed - slowest,
+        fastest - airspeed,
+        TURNED_PART * GRAVITY_M_S2 * eta * tan(p.envelope.bank_max_rad),
+        dt,
+    )
     # s'' is left out: of a noisy position it is mostly noise, and it only pushes along the track
     r = waiting.on_clock(reference, memory.waiting.rate, 0.0)
 
@@ -186,8 +200,6 @@ def airplane_step(
     Xr, Xr_dot = _field(p, e, r, v)
     wanted = airplane_course.wanted_of(Xr, Xr_dot, course)
 
-    load_max = airplane_envelope.most_load(p.envelope, airspeed)
-    bank_max = airplane_bank.bank_limit(p.envelope.bank_max_rad, load_max)
     turning = GRAVITY_M_S2 * eta / ground
     turn = airplane_course.turn_to(
         p.rho_per_s,
@@ -231,7 +243,8 @@ def airplane_step(
         bank_now,
         upright,
         airspeed,
-        load_max,
+        airplane_envelope.most_load(p.envelope, airspeed, airplane_envelope.WING_PART),
+        airplane_envelope.freedom_rad(p.envelope, airspeed),
         climb.guarded,
         dt,
     )
@@ -305,34 +318,34 @@ def _field(p: Parameters, e: Vec3, r: Reference, v: Vec3) -> tuple[Vec3, Vec3]:
 def _clock(
     parameters: waiting.Parameters,
     memory: waiting.Memory,
-    x: Vec3,
     planned: Reference,
-    wind_north: float,
-    wind_east: float,
-    slowest_m_s: float,
-    fastest_m_s: float,
+    x: Vec3,
+    v: Vec3,
+    slower_m_s: float,
+    faster_m_s: float,
+    lateral_m_s2: float,
     dt: float,
 ) -> waiting.Memory:
-    """The clock, no quicker than the airplane can fly against this wind and, unless it is behind by more than
-    `HURRIED_M`, no slower than it must with it."""
+    """The clock, no quicker than the airplane can follow, which flies `faster_m_s` faster at most and turns at
+    `lateral_m_s2`; and unless it is behind by more than `HURRIED_M`, no slower than it must fly in a tail wind,
+    `slower_m_s` slower at most."""
     p = parameters
-    v = planned.velocity
-    speed = sqrt(v.x * v.x + v.y * v.y)
+    r_dot, r_ddot = planned.velocity, planned.acceleration
+    speed = sqrt(r_dot.x * r_dot.x + r_dot.y * r_dot.y)
     if p.fastest > 1.0 and speed > 0.0:
-        c, s = v.x / speed, v.y / speed
-        tail = wind_north * c + wind_east * s
-        cross2 = (wind_east * c - wind_north * s) ** 2
-        least = (tail + sqrt(max(slowest_m_s * slowest_m_s - cross2, 0.0))) / speed
-        most = (tail + sqrt(max(fastest_m_s * fastest_m_s - cross2, 0.0))) / speed
+        c, s = r_dot.x / speed, r_dot.y / speed
+        along = v.x * c + v.y * s
+        least = (along - slower_m_s) / speed
+        most = (along + faster_m_s) / speed
+        turn = abs(r_ddot.y * c - r_ddot.x * s)
+        highest = max(p.fastest, least)
+        # s'^2 of the lateral acceleration
+        if highest * highest * turn > lateral_m_s2:
+            highest = sqrt(lateral_m_s2 / turn)
         behind = c * (planned.position.x - x.x) + s * (planned.position.y - x.y)
-        hurry = clamp(1.0 - behind / HURRIED_M, 0.0, 1.0) * max(least - p.slowest, 0.0)
-        slowest = min(p.slowest + hurry, max(1.0, least))
+        hurry = clamp(1.0 - behind / HURRIED_M, 0.0, 1.0) * clamp(10.0 * (least - 1.0), 0.0, 1.0)
+        slowest = min(p.slowest + hurry * (least - p.slowest), highest)
         p = waiting.Parameters(
-            slowest,
-            max(min(most, max(p.fastest, least)), slowest),
-            p.per_m,
-            p.free_m,
-            p.falls_per_s,
-            p.rises_per_s,
+            slowest, max(min(most, highest), slowest), p.per_m, p.free_m, p.falls_per_s, p.rises_per_s
         )
     return waiting.waiting_step(p, memory, x, planned, dt)

@@ -7,8 +7,8 @@ In this order, so that the last word is the stall guard's:
 2. no climb that full throttle cannot hold;
 3. within `margin_m_s` of the least airspeed the climb fades, and below it the nose goes down: at most level,
    then a sink. Then the throttle is full and the wings are level (`airplane_bank.bank_limit`), whatever the
-   path wants. At every speed the nose stays below what would stall the wing (`airplane_pitch`): V_min's angle
-   of attack is never exceeded, in no pull-up either.
+   path wants. Close to it the nose is held to what does not stall the wing
+   (`airplane_pitch`), the angle of attack of `WING_PART` V_min.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ from guidance.limits import clamp
 #: Sine of the path that the guard takes, whatever sink is allowed else, this part below the least airspeed.
 DIVE_SINE: Final = 0.4
 DIVE_BELOW: Final = 0.15
+#: The wing still flies at this part of the least airspeed; what it carries there is left for gusts and pull-ups.
+WING_PART: Final = 0.9
+#: Freedom of the nose, rad for an airspeed of twice the least: 0.1 at 4 % above it.
+FREE_RAD: Final = 2.5
 
 
 class Parameters(NamedTuple):
@@ -66,10 +70,15 @@ def missing_within(parameters: Parameters, missing_m_s: float, airspeed_m_s: flo
     return clamp(missing_m_s, slowest_m_s(p, load) - airspeed_m_s, p.airspeed_max_m_s - airspeed_m_s)
 
 
-def most_load(parameters: Parameters, airspeed_m_s: float) -> float:
-    """The load factor that the wing may carry at this airspeed, (V/V_min)^2 and `load_max` at most."""
-    ratio = airspeed_m_s / parameters.airspeed_min_m_s
+def most_load(parameters: Parameters, airspeed_m_s: float, part: float) -> float:
+    """The load factor that the wing may carry at this airspeed, (V/(part V_min))^2 and `load_max` at most."""
+    ratio = airspeed_m_s / (part * parameters.airspeed_min_m_s)
     return min(parameters.load_max, ratio * ratio)
+
+
+def freedom_rad(parameters: Parameters, airspeed_m_s: float) -> float:
+    """How far the nose may go beyond what the wing's load says, by how far the airspeed is above the least."""
+    return FREE_RAD * max(airspeed_m_s / parameters.airspeed_min_m_s - 1.0, 0.0)
 
 
 def stalling(parameters: Parameters, airspeed_m_s: float) -> bool:

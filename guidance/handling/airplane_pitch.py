@@ -1,13 +1,17 @@
-"""Pitch for a wanted climb: path angle, angle of attack, and a slow integral that learns the trim.
+"""Pitch for a wanted climb: path angle, angle of attack, the draft that is felt, and a slow integral.
 
 The nose stands above the path by the angle of attack that the load takes, alpha_zero + K n/V^2, of which a
 bank shows cos(phi) (sin(gamma) = cos(alpha) sin(theta) - sin(alpha) cos(phi) cos(theta)). With
 n cos(phi) g = a_ver the second part is the same at every bank:
 
-    theta = gamma + alpha_zero cos(phi) + K a_ver/(g V^2) + lead + trim
+    theta = gamma + alpha_zero cos(phi) + K a_ver/(g V^2) + lead (gamma - measured gamma) + trim
 
-`lead` counters the climb that is missing now, `trim` what is missing always: a wrong alpha_zero, an
-autopilot that holds less pitch than it is told (PX4 held three quarters). Without it 2.3 m of height.
+`trim`, learned slowly, is what is missing always: an error of alpha_zero, an autopilot that holds less pitch
+than it is told (PX4 held three quarters). Without it 2.3 m of height.
+
+Near the stall the nose is kept within the angles of attack that the wing may have about the path that is
+flown, whatever path is wanted: a pull-up on the way out of a dive would stall it again. Well above it is free
+(`free_rad`): the path is measured over ground, and in air that sinks the nose must stand higher above it.
 """
 
 from __future__ import annotations
@@ -17,7 +21,6 @@ from typing import Final, NamedTuple
 
 from guidance.handling.airplane_bank import GRAVITY_M_S2
 from guidance.limits import clamp
-
 
 #: No push-over takes the load below this.
 LOAD_MIN: Final = 0.2
@@ -58,26 +61,27 @@ def pitch_for(
     vertical_m_s2: float,
     airspeed_m_s: float,
     load_max: float,
+    free_rad: float,
     frozen: bool,
     dt_s: float,
 ) -> Pitch:
-    """The pitch for the path angle `wanted_rad` when it is `path_rad`, at a load factor of `load_max` at most.
+    """The pitch for the path angle `wanted_rad` when path and bank are these, with at most `free_rad` beyond the
+    angles of attack of a load between `LOAD_MIN` and `load_max`.
 
-    The trim is learned unless `frozen`, and rests while the pitch is at its own limit.
+    The trim is learned unless `frozen`, and not further into the pitch's own limits.
     """
     p = parameters
     upright = cos(bank_rad)
-    load = vertical_m_s2 / GRAVITY_M_S2
     per_load = p.alpha_per_load_rad_m2_s2 / (airspeed_m_s * airspeed_m_s)
-    missing = wanted_rad - path_rad
     zero = p.alpha_zero_rad * upright + trim_rad
-    wanted = wanted_rad + zero + per_load * load + p.lead * missing
-    # the nose above the path makes the load, whatever path is wanted
-    least = path_rad + zero + per_load * LOAD_MIN * upright
-    most = path_rad + zero + per_load * load_max * upright
+    missing = wanted_rad - path_rad
+    wanted = wanted_rad + zero + per_load * vertical_m_s2 / GRAVITY_M_S2 + p.lead * missing
+    least = path_rad + zero + per_load * LOAD_MIN * upright - free_rad
+    most = path_rad + zero + per_load * load_max * upright + free_rad
     loaded = clamp(wanted, least, most)
     pitch = clamp(loaded, p.lowest_rad, p.highest_rad)
     # a wrong trim moves the bounds of the load as well, so these must not keep it from being learned
-    if not frozen and pitch == loaded:
+    winding = (loaded > p.highest_rad and missing > 0.0) or (loaded < p.lowest_rad and missing < 0.0)
+    if not frozen and not winding:
         trim_rad = clamp(trim_rad + p.trim_per_s * missing * dt_s, -p.trim_max_rad, p.trim_max_rad)
     return Pitch(pitch, pitch != wanted, trim_rad)

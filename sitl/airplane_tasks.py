@@ -35,7 +35,7 @@ from sitl.models import airplane as model
 from sitl.models.files import load
 from sitl.models.gusts import CALM, Turbulence, Wind
 
-WAITING: Final = waiting.Parameters(0.5, 1.15, 0.25, 0.3, 0.5, 0.2)
+WAITING: Final = waiting.Parameters(0.5, 1.15, 0.35, 0.3, 0.5, 0.4)
 PUNCTUAL: Final = waiting.OFF
 WIND: Final = airplane_wind.Parameters(0.3, 0.05, 0.5, 15.0)
 
@@ -59,7 +59,7 @@ def airplane_12() -> Airplane:
             approach_up_m_s=2.0,
             rho_per_s=1.8,
             roll_rate_rad_s=1.5,
-            envelope=airplane_envelope.Parameters(10.0, 0.6, 14.0, radians(52.0), 1.8, 2.5, 3.0, -20.0, 0.5),
+            envelope=airplane_envelope.Parameters(10.0, 0.9, 14.0, radians(45.0), 1.5, 2.5, 3.0, -20.0, 0.5),
             bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
             pitch=airplane_pitch.Parameters(-0.06, 5.0, 0.5, 0.3, 0.15, radians(-25), radians(25)),
             throttle=airplane_throttle.Parameters(12.5, 0.06, 300.0, 0.3, 0.08, 0.3, 0.0, 1.0),
@@ -75,14 +75,14 @@ def airplane_20() -> Airplane:
     return Airplane(
         load(model.Parameters, "airplane_20", model.POSITIVE, model.SIGNED),
         airplane.Parameters(
-            k_per_s=0.5,
+            k_per_s=0.7,
             k_up_per_s=0.8,
             approach_m_s=18.0,
             approach_up_m_s=3.0,
             rho_per_s=1.5,
             roll_rate_rad_s=1.5,
             envelope=airplane_envelope.Parameters(
-                12.0, 1.0, 26.0, radians(58.0), 2.0, 4.0, 4.0, -20.0, 0.5
+                11.0, 1.0, 26.0, radians(62.0), 2.2, 4.0, 4.0, -20.0, 0.5
             ),
             bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
             pitch=airplane_pitch.Parameters(-0.06, 12.0, 0.25, 0.3, 0.15, radians(-18), radians(22)),

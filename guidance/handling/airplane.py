@@ -35,8 +35,10 @@ from guidance.se3 import Pose, Quaternion, Reference, Vec3, dot, from_euler, rol
 MOVING_M_S: Final = 3.0
 #: An airplane that is further (m) behind is waited for in any wind.
 HURRIED_M: Final = 15.0
+#: More acceleration along the path (m/s^2) than this comes from an error far off, not from a plan.
+ALONG_M_S2: Final = 1.5
 #: So much of the greatest bank's acceleration is for the plan; the rest is for errors and gusts.
-TURNED_PART: Final = 0.75
+TURNED_PART: Final = 0.7
 
 
 class Parameters(NamedTuple):
@@ -226,7 +228,9 @@ def airplane_step(
 
     # level accelerations over ground, and the same along and across the air's direction
     to_side = ground * turn.course_rate_rad_s
-    along = turn.aligned * wanted.acceleration_m_s2 if missing == asked - carried else 0.0
+    along = 0.0
+    if missing == asked - carried:
+        along = turn.aligned * clamp(wanted.acceleration_m_s2, -ALONG_M_S2, ALONG_M_S2)
     crab_c = ground_c * air_c + ground_s * air_s
     crab_s = ground_s * air_c - ground_c * air_s
     lateral = to_side * crab_c + along * crab_s

@@ -24,6 +24,8 @@ DIVE_SINE: Final = 0.4
 DIVE_BELOW: Final = 0.15
 #: The wing still flies at this part of the least airspeed; what it carries there is left for gusts and pull-ups.
 WING_PART: Final = 0.9
+#: Part of the way down to the least airspeed that is asked for at once.
+SOFTLY: Final = 0.5
 #: Freedom of the nose, rad for an airspeed of twice the least: 0.1 at 4 % above it.
 FREE_RAD: Final = 2.5
 
@@ -64,10 +66,14 @@ def slowest_m_s(parameters: Parameters, load: float) -> float:
 def missing_within(parameters: Parameters, missing_m_s: float, airspeed_m_s: float, load: float) -> float:
     """How much faster to fly, nearest to `missing_m_s`, for an airspeed within the envelope.
 
-    What the path misses is known over ground, the airspeed from its sensor: gusts are in the second alone.
+    What the path misses is known over ground, the airspeed from its sensor: gusts are in the second alone. The
+    least airspeed is approached by `SOFTLY` of what is left, so that it is not passed.
     """
     p = parameters
-    return clamp(missing_m_s, slowest_m_s(p, load) - airspeed_m_s, p.airspeed_max_m_s - airspeed_m_s)
+    spare = slowest_m_s(p, load) - airspeed_m_s
+    if spare < 0.0:
+        spare *= SOFTLY
+    return clamp(missing_m_s, spare, max(p.airspeed_max_m_s - airspeed_m_s, spare))
 
 
 def most_load(parameters: Parameters, airspeed_m_s: float, part: float) -> float:

@@ -248,7 +248,6 @@ def airplane_step(
         upright,
         airspeed,
         airplane_envelope.most_load(p.envelope, airspeed, airplane_envelope.WING_PART),
-        airplane_envelope.freedom_rad(p.envelope, airspeed),
         climb.guarded,
         dt,
     )

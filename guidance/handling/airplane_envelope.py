@@ -7,8 +7,8 @@ In this order, so that the last word is the stall guard's:
 2. no climb that full throttle cannot hold;
 3. within `margin_m_s` of the least airspeed the climb fades, and below it the nose goes down: at most level,
    then a sink. Then the throttle is full and the wings are level (`airplane_bank.bank_limit`), whatever the
-   path wants. Close to it the nose is held to what does not stall the wing
-   (`airplane_pitch`), the angle of attack of `WING_PART` V_min.
+   path wants. A pull-up is no sharper than what the wing
+   carries at this speed (`airplane_pitch`), as if it stalled at `WING_PART` V_min.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ DIVE_BELOW: Final = 0.15
 WING_PART: Final = 0.9
 #: Part of the way down to the least airspeed that is asked for at once.
 SOFTLY: Final = 0.5
-#: Freedom of the nose, rad for an airspeed of twice the least: 0.1 at 4 % above it.
-FREE_RAD: Final = 2.5
 
 
 class Parameters(NamedTuple):
@@ -80,11 +78,6 @@ def most_load(parameters: Parameters, airspeed_m_s: float, part: float) -> float
     """The load factor that the wing may carry at this airspeed, (V/(part V_min))^2 and `load_max` at most."""
     ratio = airspeed_m_s / (part * parameters.airspeed_min_m_s)
     return min(parameters.load_max, ratio * ratio)
-
-
-def freedom_rad(parameters: Parameters, airspeed_m_s: float) -> float:
-    """How far the nose may go beyond what the wing's load says, by how far the airspeed is above the least."""
-    return FREE_RAD * max(airspeed_m_s / parameters.airspeed_min_m_s - 1.0, 0.0)
 
 
 def stalling(parameters: Parameters, airspeed_m_s: float) -> bool:

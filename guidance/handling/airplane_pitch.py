@@ -9,9 +9,8 @@ n cos(phi) g = a_ver the second part is the same at every bank:
 `trim`, learned slowly, is what is missing always: an error of alpha_zero, an autopilot that holds less pitch
 than it is told (PX4 held three quarters). Without it 2.3 m of height.
 
-Near the stall the nose is kept within the angles of attack that the wing may have about the path that is
-flown, whatever path is wanted: a pull-up on the way out of a dive would stall it again. Well above it is free
-(`free_rad`): the path is measured over ground, and in air that sinks the nose must stand higher above it.
+The path that is asked for is never further from the one that is flown than the wing can turn it within
+`TURNED_S`, g (n - 1)/V a second: a sharper pull-up brakes, or stalls, on the way out of a dive again.
 """
 
 from __future__ import annotations
@@ -24,6 +23,8 @@ from guidance.limits import clamp
 
 #: No push-over takes the load below this.
 LOAD_MIN: Final = 0.2
+#: Time (s) in which the wing could turn the path into the one that is asked for.
+TURNED_S: Final = 0.35
 
 
 class Parameters(NamedTuple):
@@ -61,27 +62,23 @@ def pitch_for(
     vertical_m_s2: float,
     airspeed_m_s: float,
     load_max: float,
-    free_rad: float,
     frozen: bool,
     dt_s: float,
 ) -> Pitch:
-    """The pitch for the path angle `wanted_rad` when path and bank are these, with at most `free_rad` beyond the
-    angles of attack of a load between `LOAD_MIN` and `load_max`.
+    """The pitch for the path angle `wanted_rad` when path and bank are these, at a load of `load_max` at most.
 
     The trim is learned unless `frozen`, and not further into the pitch's own limits.
     """
     p = parameters
-    upright = cos(bank_rad)
-    per_load = p.alpha_per_load_rad_m2_s2 / (airspeed_m_s * airspeed_m_s)
-    zero = p.alpha_zero_rad * upright + trim_rad
-    missing = wanted_rad - path_rad
-    wanted = wanted_rad + zero + per_load * vertical_m_s2 / GRAVITY_M_S2 + p.lead * missing
-    least = path_rad + zero + per_load * LOAD_MIN * upright - free_rad
-    most = path_rad + zero + per_load * load_max * upright + free_rad
-    loaded = clamp(wanted, least, most)
-    pitch = clamp(loaded, p.lowest_rad, p.highest_rad)
-    # a wrong trim moves the bounds of the load as well, so these must not keep it from being learned
-    winding = (loaded > p.highest_rad and missing > 0.0) or (loaded < p.lowest_rad and missing < 0.0)
+    turned = TURNED_S * GRAVITY_M_S2 / airspeed_m_s
+    missing = clamp(wanted_rad - path_rad, turned * (LOAD_MIN - 1.0), turned * (load_max - 1.0))
+    load = vertical_m_s2 / GRAVITY_M_S2
+    alpha = p.alpha_zero_rad * cos(bank_rad) + p.alpha_per_load_rad_m2_s2 * load / (
+        airspeed_m_s * airspeed_m_s
+    )
+    wanted = path_rad + missing + alpha + p.lead * missing + trim_rad
+    pitch = clamp(wanted, p.lowest_rad, p.highest_rad)
+    winding = (wanted > p.highest_rad and missing > 0.0) or (wanted < p.lowest_rad and missing < 0.0)
     if not frozen and not winding:
         trim_rad = clamp(trim_rad + p.trim_per_s * missing * dt_s, -p.trim_max_rad, p.trim_max_rad)
     return Pitch(pitch, pitch != wanted, trim_rad)

@@ -37,6 +37,8 @@ MOVING_M_S: Final = 3.0
 HURRIED_M: Final = 15.0
 #: More acceleration along the path (m/s^2) than this comes from an error far off, not from a plan.
 ALONG_M_S2: Final = 1.5
+#: So much quicker (of the plan) than it must fly may the clock run, for a reference to catch up with it.
+CAUGHT_UP: Final = 0.1
 #: So much of the greatest bank's acceleration is for the plan; the rest is for errors and gusts.
 TURNED_PART: Final = 0.7
 
@@ -341,7 +343,7 @@ def _clock(
         least = (along - slower_m_s) / speed
         most = (along + faster_m_s) / speed
         turn = abs(r_ddot.y * c - r_ddot.x * s)
-        highest = max(p.fastest, least)
+        highest = max(p.fastest, least + CAUGHT_UP)
         # s'^2 of the lateral acceleration
         if highest * highest * turn > lateral_m_s2:
             highest = sqrt(lateral_m_s2 / turn)

@@ -112,7 +112,9 @@ def planned(task: Task, phase: float, height_m: float) -> Reference:
         return circle(phase, task.size_m, task.speed_m_s, True, -height_m)
     if task.kind == HELIX:
         r = helix(phase, task.size_m, task.speed_m_s, -task.climb_m_s)
-        return Reference(Vec3(r.position.x, r.position.y, r.position.z - height_m), r.velocity, r.acceleration)
+        return Reference(
+            Vec3(r.position.x, r.position.y, r.position.z - height_m), r.velocity, r.acceleration
+        )
     half = 0.5 * task.size_m
     up = task.climb_m_s
     rate = _eight_rate(task, phase)

@@ -81,9 +81,7 @@ def airplane_20() -> Airplane:
             approach_up_m_s=3.0,
             rho_per_s=1.5,
             roll_rate_rad_s=1.5,
-            envelope=airplane_envelope.Parameters(
-                11.0, 1.0, 26.0, radians(62.0), 2.2, 4.0, 4.0, -20.0, 0.5
-            ),
+            envelope=airplane_envelope.Parameters(11.0, 1.0, 26.0, radians(62.0), 2.2, 4.0, 4.0, -20.0, 0.5),
             bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
             pitch=airplane_pitch.Parameters(-0.06, 12.0, 0.25, 0.3, 0.15, radians(-18), radians(22)),
             throttle=airplane_throttle.Parameters(13.0, 0.0115, 120.0, 0.25, 0.08, 0.3, 0.0, 1.0),
@@ -152,18 +150,24 @@ def scenarios(speed_m_s: float) -> dict[str, Scenario]:
 
 
 def flown(
-    plane: Airplane, scenario: Scenario, seed: int, compiled: Callable[..., Any] = fly
+    plane: Airplane,
+    scenario: Scenario,
+    seed: int,
+    compiled: Callable[..., Any] = fly,
+    *,
+    has_airspeed: bool = True,
 ) -> NDArray[np.float64]:
-    """The record of one flight, `COLUMNS` a step; `compiled` may be `fly` as machine code."""
+    """The record of one flight, `COLUMNS` a step; `compiled` may be `fly` as machine code.
+
+    The seed draws noise, gusts, where the wind blows to and the bias of the heading.
+    """
     steps = round(scenario.duration_s / GUIDE_STEP_S)
     dice = np.random.default_rng(seed)
     normals = dice.standard_normal((steps, NOISES))
     record = np.zeros((steps, len(COLUMNS)))
     gusts = 0.16 * scenario.wind_m_s
     from_rad = dice.uniform(0.0, 2.0 * np.pi)
-    wind = Wind(
-        scenario.wind_m_s * float(np.cos(from_rad)), scenario.wind_m_s * float(np.sin(from_rad)), 0.0
-    )
+    wind = Wind(scenario.wind_m_s * float(np.cos(from_rad)), scenario.wind_m_s * float(np.sin(from_rad)), 0.0)
     weather = Turbulence(wind if scenario.wind_m_s > 0.0 else CALM, gusts, 0.6 * gusts, 200.0, 50.0)
     guide = plane.guide._replace(waiting=WAITING) if scenario.waits else plane.guide
     compiled(
@@ -176,7 +180,7 @@ def flown(
         started(plane.body, scenario.task, scenario.start, weather.wind),
         weather,
         scenario.wind_given,
-        True,
+        has_airspeed,
         float(dice.uniform(-HEADING_BIAS_RAD, HEADING_BIAS_RAD)),
         normals,
         record,

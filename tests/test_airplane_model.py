@@ -55,7 +55,10 @@ def reached(times: NDArray[np.float64], y: NDArray[np.float64], start: float) ->
     """Time of 5, 50, 90 % of the change, and the overshoot in percent; as the recordings' table has them."""
     end = float(y[-100:].mean())
     part = (y - start) / (end - start)
-    return (*(float(times[np.argmax(part >= p)]) for p in (0.05, 0.5, 0.9)), 100.0 * (float(part.max()) - 1.0))
+    return (
+        *(float(times[np.argmax(part >= p)]) for p in (0.05, 0.5, 0.9)),
+        100.0 * (float(part.max()) - 1.0),
+    )
 
 
 # name, bank asked, 5 %, 50 %, 90 % in s, overshoot in %, of the recordings
@@ -157,9 +160,7 @@ def test_a_bank_turns_by_its_effectiveness(name: str, effectiveness: float) -> N
     ("name", "alpha_rad", "speed_m_s"),
     [("airplane_12", -0.0361, 12.10), ("airplane_20", -0.0412, 19.65), ("airplane_20", -0.0518, 23.98)],
 )
-def test_the_trim_angle_of_attack_is_the_recorded_one(
-    name: str, alpha_rad: float, speed_m_s: float
-) -> None:
+def test_the_trim_angle_of_attack_is_the_recorded_one(name: str, alpha_rad: float, speed_m_s: float) -> None:
     """Pitch minus path angle in the recordings' straight flight, within half a degree."""
     parameters = load(name)
     state = flying(parameters, 0.0, 0.0, 0.0, 0.0, speed_m_s, CALM)
@@ -236,7 +237,9 @@ def test_a_shorter_step_changes_nothing() -> None:
     for _ in range(500):
         coarse = step(parameters, coarse, CALM, DT_S)
         fine = step(parameters, step(parameters, fine, CALM, 0.5 * DT_S), CALM, 0.5 * DT_S)
-    assert np.hypot(coarse.north_m - fine.north_m, coarse.east_m - fine.east_m) < 0.04  # a delay ends at a step
+    assert (
+        np.hypot(coarse.north_m - fine.north_m, coarse.east_m - fine.east_m) < 0.04
+    )  # a delay ends at a step
 
 
 def test_gusts_have_the_stated_size_and_length() -> None:

@@ -164,13 +164,18 @@ def airplane_step(
     bank_now = roll_of(measured.pose.attitude)
     heading = yaw_of(measured.pose.attitude)
     wind = airplane_wind.wind_step(
-        p.wind, memory.wind, seen, heading, measured.airspeed_m_s, measured.wind_given, measured.wind_ned_m_s, dt
+        p.wind,
+        memory.wind,
+        seen,
+        heading,
+        measured.airspeed_m_s,
+        measured.wind_given,
+        measured.wind_ned_m_s,
+        dt,
     )
     w_north, w_east = wind.north_m_s, wind.east_m_s
     eta = memory.bank.effectiveness
-    x, v = coasted(
-        measured.pose.position, seen, Vec3(w_north, w_east, 0.0), bank_now, eta, measured.ahead_s
-    )
+    x, v = coasted(measured.pose.position, seen, Vec3(w_north, w_east, 0.0), bank_now, eta, measured.ahead_s)
     # directions along the ground's course and along the air's, level, and the speeds
     ground, ground_c, ground_s = _direction(v.x, v.y, heading)
     air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
@@ -254,7 +259,15 @@ def airplane_step(
         dt,
     )
     throttle = airplane_throttle.throttle_for(
-        p.throttle, memory.throttle_trim, missing, airspeed, path_wanted, bank.load, forward, climb.guarded, dt
+        p.throttle,
+        memory.throttle_trim,
+        missing,
+        airspeed,
+        path_wanted,
+        bank.load,
+        forward,
+        climb.guarded,
+        dt,
     )
     full = airplane_envelope.stalling(p.envelope, airspeed)
     learned = airplane_bank.effectiveness_step(

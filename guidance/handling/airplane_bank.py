@@ -29,9 +29,7 @@ class Bank(NamedTuple):
     saturated: bool
 
 
-def bank_for(
-    lateral_m_s2: float, vertical_m_s2: float, effectiveness: float, bank_max_rad: float
-) -> Bank:
+def bank_for(lateral_m_s2: float, vertical_m_s2: float, effectiveness: float, bank_max_rad: float) -> Bank:
     """The bank that gives these accelerations (to the right; against gravity, g in level flight)."""
     carried = max(vertical_m_s2, CARRIED_MIN * GRAVITY_M_S2)
     wanted = atan2(lateral_m_s2 / effectiveness, carried)

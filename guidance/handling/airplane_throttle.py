@@ -83,7 +83,11 @@ def throttle_for(
 ) -> Throttle:
     """The throttle to fly `missing_m_s` faster than `airspeed_m_s` (> 0) on this path, at this load factor."""
     p = parameters
-    needed = drag_m_s2(p, max(airspeed_m_s + missing_m_s, SLOWEST_M_S), load) + GRAVITY_M_S2 * sin(path_rad) + acceleration_m_s2
+    needed = (
+        drag_m_s2(p, max(airspeed_m_s + missing_m_s, SLOWEST_M_S), load)
+        + GRAVITY_M_S2 * sin(path_rad)
+        + acceleration_m_s2
+    )
     wanted = needed / p.thrust_m_s2 + p.proportional_s_m * missing_m_s + trim
     throttle = clamp(wanted, p.lowest, p.highest)
     winding = (wanted > p.highest and missing_m_s > 0.0) or (wanted < p.lowest and missing_m_s < 0.0)

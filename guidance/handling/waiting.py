@@ -44,7 +44,9 @@ ON_TIME: Final = Memory(1.0, 0.0)
 OFF: Final = Parameters(1.0, 1.0, 0.0, 0.0, 1.0, 1.0)
 
 
-def waiting_step(parameters: Parameters, memory: Memory, position: Vec3, planned: Reference, dt: float) -> Memory:
+def waiting_step(
+    parameters: Parameters, memory: Memory, position: Vec3, planned: Reference, dt: float
+) -> Memory:
     """The clock of the step `dt` s from now, for a vehicle at `position` and the reference as planned (by s)."""
     p = parameters
     speed = norm(planned.velocity)

@@ -231,12 +231,8 @@ def _rates(p: Parameters, y: Rates, roll: float, pitch: float, throttle: float, 
     up = GRAVITY_M_S2 * n * cos(y[6])
     right = p.bank_effectiveness * GRAVITY_M_S2 * n * sin(y[6])
 
-    roll_rate, roll_change = _followed(
-        roll, y[6], y[7], p.roll_lag_s, p.roll_lag2_s, p.roll_slew_rad_s
-    )
-    pitch_rate, pitch_change = _followed(
-        pitch, y[8], y[9], p.pitch_lag_s, p.pitch_lag2_s, p.pitch_slew_rad_s
-    )
+    roll_rate, roll_change = _followed(roll, y[6], y[7], p.roll_lag_s, p.roll_lag2_s, p.roll_slew_rad_s)
+    pitch_rate, pitch_change = _followed(pitch, y[8], y[9], p.pitch_lag_s, p.pitch_lag2_s, p.pitch_slew_rad_s)
     return (
         y[3],
         y[4],

@@ -44,7 +44,11 @@ NO_GUSTS: Final = Gusts(0.0, 0.0, 0.0)
 
 
 def gusts_step(
-    turbulence: Turbulence, gusts: Gusts, airspeed_m_s: float, normals: tuple[float, float, float], dt_s: float
+    turbulence: Turbulence,
+    gusts: Gusts,
+    airspeed_m_s: float,
+    normals: tuple[float, float, float],
+    dt_s: float,
 ) -> Gusts:
     """The gusts `dt_s` later, with three independent standard normals; exact for a constant airspeed."""
     a = exp(-airspeed_m_s * dt_s / turbulence.level_length_m)

@@ -33,6 +33,8 @@ from guidance.se3 import Pose, Quaternion, Reference, Vec3, dot, from_euler, rol
 
 #: Slower (m/s) in the air, or over ground, no direction and no division is taken from it.
 MOVING_M_S: Final = 3.0
+#: Shortest time (s) that divides.
+LEAST_S: Final = 1e-3
 #: An airplane that is further (m) behind is waited for in any wind.
 HURRIED_M: Final = 15.0
 #: More acceleration along the path (m/s^2) than this comes from an error far off, not from a plan.
@@ -71,7 +73,8 @@ class Trims(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Of each function its own; `side` is the latched one of `airplane_course`."""
+    """Of each function its own; `side` is the latched one of `airplane_course`, `obeyed_rad` the bank that
+    the demands of the last `ahead_s` lead to."""
 
     side: int
     wind: airplane_wind.Memory
@@ -79,6 +82,8 @@ class Memory(NamedTuple):
     pitch_trim_rad: float
     throttle_trim: float
     waiting: waiting.Memory
+    obeyed_rad: float
+    started: bool
 
 
 class Measured(NamedTuple):
@@ -143,6 +148,8 @@ def unstarted(trims: Trims) -> Memory:
         trims.pitch_rad,
         trims.throttle,
         waiting.ON_TIME,
+        0.0,
+        False,
     )
 
 
@@ -175,7 +182,9 @@ def airplane_step(
     )
     w_north, w_east = wind.north_m_s, wind.east_m_s
     eta = memory.bank.effectiveness
-    x, v = coasted(measured.pose.position, seen, Vec3(w_north, w_east, 0.0), bank_now, eta, measured.ahead_s)
+    # the demands under way, not the bank that is measured: that was their doing too, but longer ago
+    obeyed = memory.obeyed_rad if memory.started else bank_now
+    x, v = coasted(measured.pose.position, seen, Vec3(w_north, w_east, 0.0), obeyed, eta, measured.ahead_s)
     # directions along the ground's course and along the air's, level, and the speeds
     ground, ground_c, ground_s = _direction(v.x, v.y, heading)
     air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
@@ -280,7 +289,9 @@ def airplane_step(
         bank.saturated or climb.guarded,
         dt,
     )
-    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock)
+    # half of what was asked for within `ahead_s` acts by then
+    obeyed += clamp(2.0 * dt / max(measured.ahead_s, dt, LEAST_S), 0.0, 1.0) * (bank.bank_rad - obeyed)
+    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock, obeyed, True)
     power = p.throttle.highest if full else throttle.throttle
     return (
         after,

@@ -18,7 +18,6 @@ from typing import Final, NamedTuple
 
 from guidance.limits import clamp
 
-
 #: Sine of the path that the guard takes, whatever sink is allowed else, this part below the least airspeed.
 DIVE_SINE: Final = 0.4
 DIVE_BELOW: Final = 0.15

@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 from guidance.handling.airplane_bank import GRAVITY_M_S2
 from guidance.limits import clamp
 
-
 #: Drag is asked for at this speed (m/s) or more: towards rest the induced part has no bound.
 SLOWEST_M_S: Final = 3.0
 

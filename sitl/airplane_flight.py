@@ -1,4 +1,4 @@
-"""An airplane's flight without MAVLink: model, noise, prediction and `airplane_step`, interpreted or compiled.
+"""An airplane's flight without MAVLink: model, noise and `airplane_step`, interpreted or compiled.
 
 The model steps at 4 ms, the guide at 50 Hz on a state that is `AGE_S` old. What is measured has the noise of
 an estimator (`NOISES` independent normals a step):
@@ -91,7 +91,7 @@ class Start(NamedTuple):
 
 
 def phase_step(task: Task, phase: float, ds: float) -> float:
-    """The phase `ds` s of the plan later: its time, or for the eight the angle that makes its speed constant."""
+    """The phase `ds` s of the plan later: its time, or the angle that makes the eight's speed constant."""
     if task.kind != EIGHT:
         return phase + ds
     k1 = _eight_rate(task, phase)

@@ -35,7 +35,7 @@ from sitl.models import airplane as model
 from sitl.models.files import load
 from sitl.models.gusts import CALM, Turbulence, Wind
 
-WAITING: Final = waiting.Parameters(0.5, 1.15, 0.35, 0.3, 0.5, 0.4)
+WAITING: Final = waiting.Parameters(0.5, 1.15, 0.35, 0.5, 0.4)
 PUNCTUAL: Final = waiting.OFF
 WIND: Final = airplane_wind.Parameters(0.3, 0.05, 0.5, 15.0)
 

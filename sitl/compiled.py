@@ -38,6 +38,7 @@ from guidance import alignment, allocation, error_function, law, limits, se3, tr
 from guidance.handling import (
     airplane,
     airplane_bank,
+    airplane_clock,
     airplane_course,
     airplane_envelope,
     airplane_pitch,
@@ -62,6 +63,7 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     trajectory,
     airplane,
     airplane_bank,
+    airplane_clock,
     airplane_course,
     airplane_envelope,
     airplane_pitch,

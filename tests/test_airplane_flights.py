@@ -24,8 +24,8 @@ from sitl.compiled import compiled
 AIRPLANES = {12: airplane_12(), 20: airplane_20()}
 TABLE = [(speed, name) for speed in AIRPLANES for name in scenarios(float(speed))]
 CALM_CIRCLE = "circle 100 m"
-#: What is not reached: PX4's airplane, which flies 14 m/s at most, is 150 m outside of a circle whose reference
-#: moves on at 6 m/s. Converged 22.8 s after.
+#: What is not reached: PX4's airplane, which flies 14 m/s at most, is 150 m outside of a circle on which the
+#: reference moves on at 6 m/s. It has converged after 22.7 s.
 MISSED_S = {(12, "150 m off, facing away"): 24.0}
 
 

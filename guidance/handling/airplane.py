@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 from guidance import error_function
 from guidance.handling import (
     airplane_bank,
+    airplane_clock,
     airplane_course,
     airplane_envelope,
     airplane_pitch,
@@ -35,20 +36,14 @@ from guidance.se3 import Pose, Quaternion, Reference, Vec3, dot, from_euler, rol
 MOVING_M_S: Final = 3.0
 #: Shortest time (s) that divides.
 LEAST_S: Final = 1e-3
-#: An airplane that is further (m) behind is waited for in any wind.
-HURRIED_M: Final = 15.0
 #: More acceleration along the path (m/s^2) than this comes from an error far off, not from a plan.
 ALONG_M_S2: Final = 1.5
-#: So much quicker (of the plan) than it must fly may the clock run, for a reference to catch up with it.
-CAUGHT_UP: Final = 0.1
-#: So much of the greatest bank's acceleration is for the plan; the rest is for errors and gusts.
-TURNED_PART: Final = 0.7
 
 
 class Parameters(NamedTuple):
-    """`k_per_s` is lambda k of the field in the plane, `k_up_per_s` that of its vertical, approached at most at
-    `approach_m_s` and `approach_up_m_s`; `rho_per_s` is the turn's gain, `roll_rate_rad_s` how fast the bank can
-    change."""
+    """`k_per_s` is lambda k of the field in the plane, `k_up_per_s` that of its vertical, approached at most
+    at `approach_m_s` and `approach_up_m_s`; `rho_per_s` is the turn's gain, `roll_rate_rad_s` how fast the
+    bank can change."""
 
     k_per_s: float
     k_up_per_s: float
@@ -87,10 +82,10 @@ class Memory(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Pose and velocity over ground, NED; true airspeed (0: not measured); the wind if the autopilot knows it.
+    """Pose and velocity over ground, NED; true airspeed (0: not measured); the wind, if the autopilot knows.
 
-    `ahead_s` is how much later the demand acts: position and velocity are moved there (`airplane_prediction`).
-    It is 0 for a caller who did so.
+    `ahead_s` is how much later the demand acts: position and velocity are moved there by
+    `airplane_prediction`. It is 0 for a caller who did so.
     """
 
     pose: Pose
@@ -200,7 +195,7 @@ def airplane_step(
     fastest = min(fastest, p.envelope.airspeed_max_m_s)
     steady = airplane_envelope.most_load(p.envelope, airspeed, 1.0)
     bank_max = airplane_bank.bank_limit(p.envelope.bank_max_rad, steady)
-    clock = _clock(
+    clock = airplane_clock.clock_step(
         p.waiting,
         memory.waiting,
         reference,
@@ -208,7 +203,7 @@ def airplane_step(
         v,
         airspeed - slowest,
         fastest - airspeed,
-        TURNED_PART * GRAVITY_M_S2 * eta * tan(p.envelope.bank_max_rad),
+        GRAVITY_M_S2 * eta * tan(p.envelope.bank_max_rad),
         dt,
     )
     # s'' is left out: of a noisy position it is mostly noise, and it only pushes along the track
@@ -342,39 +337,3 @@ def _field(p: Parameters, e: Vec3, r: Reference, v: Vec3) -> tuple[Vec3, Vec3]:
         Vec3(Xr.x, Xr.y, Xr_up.z),
         Vec3(a.x - turned.x, a.y - turned.y, a_up.z - up.hessian.zz * v.z),
     )
-
-
-def _clock(
-    parameters: waiting.Parameters,
-    memory: waiting.Memory,
-    planned: Reference,
-    x: Vec3,
-    v: Vec3,
-    slower_m_s: float,
-    faster_m_s: float,
-    lateral_m_s2: float,
-    dt: float,
-) -> waiting.Memory:
-    """The clock, no quicker than the airplane can follow, which flies `faster_m_s` faster at most and turns at
-    `lateral_m_s2`; and unless it is behind by more than `HURRIED_M`, no slower than it must fly in a tail wind,
-    `slower_m_s` slower at most."""
-    p = parameters
-    r_dot, r_ddot = planned.velocity, planned.acceleration
-    speed = sqrt(r_dot.x * r_dot.x + r_dot.y * r_dot.y)
-    if p.fastest > 1.0 and speed > 0.0:
-        c, s = r_dot.x / speed, r_dot.y / speed
-        along = v.x * c + v.y * s
-        least = (along - slower_m_s) / speed
-        most = (along + faster_m_s) / speed
-        turn = abs(r_ddot.y * c - r_ddot.x * s)
-        highest = max(p.fastest, least + CAUGHT_UP)
-        # s'^2 of the lateral acceleration
-        if highest * highest * turn > lateral_m_s2:
-            highest = sqrt(lateral_m_s2 / turn)
-        behind = c * (planned.position.x - x.x) + s * (planned.position.y - x.y)
-        hurry = clamp(1.0 - behind / HURRIED_M, 0.0, 1.0) * clamp(10.0 * (least - 1.0), 0.0, 1.0)
-        slowest = min(p.slowest + hurry * (least - p.slowest), highest)
-        p = waiting.Parameters(
-            slowest, max(min(most, highest), slowest), p.per_m, p.free_m, p.falls_per_s, p.rises_per_s
-        )
-    return waiting.waiting_step(p, memory, x, planned, dt)

@@ -1,6 +1,6 @@
 """Bank and load factor for a wanted acceleration, and how effective a bank is, learned in flight.
 
-Lift L stands at the bank phi to the vertical. Its upright part carries and climbs, its part to the side turns:
+Lift L stands at the bank phi to the vertical: its upright part carries and climbs, the other turns:
 
     L cos(phi) = a_ver        eta L sin(phi) = a_lat        phi = atan2(a_lat/eta, a_ver)        n = L/g
 

@@ -82,7 +82,7 @@ def turn_to(
     """The turn from `course_rad` to the wanted course; `side` as the step before left it.
 
     `turn_acceleration_rad_s2` is how fast the turn can change, by rolling; `rate_max_rad_s` bounds it. A new
-    side is the one to which the airplane banks already, if that is not the longer way by more than is latched.
+    side is the one to which the airplane banks already, if it banks, and else the shorter way.
     """
     off = wrapped(wanted.course_rad - course_rad)
     if abs(off) <= LATCHED_RAD:

@@ -21,7 +21,7 @@ from guidance.limits import clamp
 #: Sine of the path that the guard takes, whatever sink is allowed else, this part below the least airspeed.
 DIVE_SINE: Final = 0.4
 DIVE_BELOW: Final = 0.15
-#: The wing still flies at this part of the least airspeed; what it carries there is left for gusts and pull-ups.
+#: The wing still flies at this part of the least airspeed: what is left for gusts and pull-ups.
 WING_PART: Final = 0.9
 #: Part of the way down to the least airspeed that is asked for at once.
 SOFTLY: Final = 0.5
@@ -63,8 +63,8 @@ def slowest_m_s(parameters: Parameters, load: float) -> float:
 def missing_within(parameters: Parameters, missing_m_s: float, airspeed_m_s: float, load: float) -> float:
     """How much faster to fly, nearest to `missing_m_s`, for an airspeed within the envelope.
 
-    What the path misses is known over ground, the airspeed from its sensor: gusts are in the second alone. The
-    least airspeed is approached by `SOFTLY` of what is left, so that it is not passed.
+    What the path misses is known over ground, the airspeed from its sensor: gusts are in the second alone.
+    The least airspeed is approached by `SOFTLY` of what is left, so that it is not passed.
     """
     p = parameters
     spare = slowest_m_s(p, load) - airspeed_m_s
@@ -87,7 +87,7 @@ def stalling(parameters: Parameters, airspeed_m_s: float) -> bool:
 def climb_within(
     parameters: Parameters, wanted_m_s: float, airspeed_m_s: float, down_m: float, held_m_s: float
 ) -> Climb:
-    """The climb that may be asked for at this airspeed and height; `held_m_s` is what full throttle can hold."""
+    """The climb that may be asked for at this airspeed and height; full throttle holds `held_m_s`."""
     p = parameters
     floor = p.floor_per_s * (down_m - p.floor_down_m)
     lowest = clamp(floor, -p.sink_max_m_s, p.climb_max_m_s)

@@ -65,7 +65,7 @@ def pitch_for(
     frozen: bool,
     dt_s: float,
 ) -> Pitch:
-    """The pitch for the path angle `wanted_rad` when path and bank are these, at a load of `load_max` at most.
+    """The pitch for the path angle `wanted_rad` when path and bank are these, at `load_max` g at most.
 
     The trim is learned unless `frozen`, and not further into the pitch's own limits.
     """

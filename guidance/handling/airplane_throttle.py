@@ -2,8 +2,8 @@
 
     throttle = (c_2 V^2 + c_i n^2/V^2 + g sin(gamma) + a)/A + kp (V_w - V) + trim
 
-A is the acceleration of full throttle. The trim, the loop's integral, learns what the rest has wrong; it rests
-while the throttle is at an end (anti-windup).
+A is the acceleration of full throttle. The trim, the loop's integral, learns what the rest has wrong; it is
+not wound up while the throttle is at an end.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def throttle_for(
     frozen: bool,
     dt_s: float,
 ) -> Throttle:
-    """The throttle to fly `missing_m_s` faster than `airspeed_m_s` (> 0) on this path, at this load factor."""
+    """The throttle to fly `missing_m_s` faster than `airspeed_m_s` (> 0) on this path, at this load."""
     p = parameters
     needed = (
         drag_m_s2(p, max(airspeed_m_s + missing_m_s, SLOWEST_M_S), load)

@@ -19,15 +19,13 @@ from guidance.se3 import Reference, Vec3, dot, norm
 class Parameters(NamedTuple):
     """s' within [`slowest`, `fastest`], 0 < slowest <= 1 <= fastest, both 1 to switch it off.
 
-    s' is 1 + `per_m` times the error along the track (m, positive ahead), outside a dead band of `free_m`;
-    it falls by at most `falls_per_s` a second and rises by at most `rises_per_s`, which times the speed is an
-    acceleration that the vehicle must have.
+    s' is 1 + `per_m` times the error along the track (m, positive ahead). It falls by at most `falls_per_s` a
+    second and rises by at most `rises_per_s`, which times the speed is an acceleration that is asked for.
     """
 
     slowest: float
     fastest: float
     per_m: float
-    free_m: float
     falls_per_s: float
     rises_per_s: float
 
@@ -41,13 +39,13 @@ class Memory(NamedTuple):
 
 
 ON_TIME: Final = Memory(1.0, 0.0)
-OFF: Final = Parameters(1.0, 1.0, 0.0, 0.0, 1.0, 1.0)
+OFF: Final = Parameters(1.0, 1.0, 0.0, 1.0, 1.0)
 
 
 def waiting_step(
     parameters: Parameters, memory: Memory, position: Vec3, planned: Reference, dt: float
 ) -> Memory:
-    """The clock of the step `dt` s from now, for a vehicle at `position` and the reference as planned (by s)."""
+    """The clock of the next step, for a vehicle at `position` and the reference as planned (by s)."""
     p = parameters
     speed = norm(planned.velocity)
     wanted = 1.0
@@ -55,9 +53,7 @@ def waiting_step(
         e = Vec3(
             position.x - planned.position.x, position.y - planned.position.y, position.z - planned.position.z
         )
-        along = dot(e, planned.velocity) / speed
-        if abs(along) > p.free_m:
-            wanted += p.per_m * (along - (p.free_m if along > 0.0 else -p.free_m))
+        wanted += p.per_m * dot(e, planned.velocity) / speed
     lowest, highest = memory.rate - p.falls_per_s * dt, memory.rate + p.rises_per_s * dt
     rate = clamp(clamp(wanted, p.slowest, p.fastest), lowest, highest)
     return Memory(rate, memory.waited_s + (1.0 - rate) * dt)

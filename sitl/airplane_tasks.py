@@ -81,7 +81,7 @@ def airplane_20() -> Airplane:
             approach_up_m_s=3.0,
             rho_per_s=1.5,
             roll_rate_rad_s=1.5,
-            envelope=airplane_envelope.Parameters(11.0, 1.0, 26.0, radians(62.0), 2.2, 4.0, 4.0, -20.0, 0.5),
+            envelope=airplane_envelope.Parameters(11.0, 2.5, 26.0, radians(64.0), 2.4, 4.0, 4.0, -20.0, 0.5),
             bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
             pitch=airplane_pitch.Parameters(-0.06, 12.0, 0.25, 0.3, 0.15, radians(-18), radians(22)),
             throttle=airplane_throttle.Parameters(13.0, 0.0115, 120.0, 0.12, 0.05, 0.3, 0.0, 1.0),

@@ -24,7 +24,7 @@ from guidance.limits import clamp
 #: No push-over takes the load below this.
 LOAD_MIN: Final = 0.2
 #: Time (s) in which the wing could turn the path into the one that is asked for.
-TURNED_S: Final = 0.35
+TURNED_S: Final = 0.25
 
 
 class Parameters(NamedTuple):

@@ -6,9 +6,22 @@ from math import radians
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from guidance.handling import airplane
-from sitl.airplane_flight import COLUMNS, EIGHT, Task, fly, phase_step, planned
+from guidance.handling.airplane import Measured, airplane_step
+from guidance.se3 import Pose, Vec3, from_euler
+from guidance.trajectory import line
+from sitl.airplane_flight import (
+    COLUMNS,
+    EIGHT,
+    GUIDE_STEP_S,
+    MODEL_STEP_S,
+    Task,
+    fly,
+    phase_step,
+    planned,
+)
 from sitl.airplane_tasks import (
     FAR,
     Airplane,
@@ -20,7 +33,10 @@ from sitl.airplane_tasks import (
     scenarios,
 )
 from sitl.compiled import compiled
+from sitl.models import airplane as model
+from sitl.models.gusts import CALM
 
+Track = NDArray[np.float64]
 AIRPLANES = {12: airplane_12(), 20: airplane_20()}
 TABLE = [(speed, name) for speed in AIRPLANES for name in scenarios(float(speed))]
 CALM_CIRCLE = "circle 100 m"
@@ -149,3 +165,52 @@ def test_a_flight_that_never_converges_says_so() -> None:
     record = np.full((100, len(COLUMNS)), 5.0)
     assert np.isnan(figures(record).converged_s)
     assert airplane.UNTRIMMED.effectiveness == 1.0
+
+
+def flown_plainly(plane: Airplane, speed: int, state: model.State, down_m: float, duration_s: float) -> Track:
+    """Without noise along a straight line to the north; rows of time, airspeed, height, roll."""
+    memory = airplane.unstarted(airplane.UNTRIMMED)
+    rows = []
+    for n in range(round(duration_s / GUIDE_STEP_S)):
+        t_s = n * GUIDE_STEP_S + plane.ahead_s
+        reference = line(t_s, 0.0, 0.0, down_m, 0.0, float(speed), 0.0)
+        measured = Measured(
+            Pose(
+                Vec3(state.north_m, state.east_m, state.down_m),
+                from_euler(state.roll_rad, state.pitch_rad, state.heading_rad),
+            ),
+            Vec3(state.velocity_north_m_s, state.velocity_east_m_s, state.velocity_down_m_s),
+            state.airspeed_m_s,
+            False,
+            Vec3(0.0, 0.0, 0.0),
+            plane.ahead_s,
+        )
+        memory, demand, _ = airplane_step(plane.guide, memory, measured, reference, GUIDE_STEP_S)
+        state = model.told(state, demand.roll_rad, demand.pitch_rad, demand.throttle)
+        for _ in range(5):
+            state = model.step(plane.body, state, CALM, MODEL_STEP_S)
+        rows.append((n * GUIDE_STEP_S, state.airspeed_m_s, -state.down_m, state.roll_rad))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("speed", AIRPLANES)
+def test_it_recovers_from_a_stall_and_flies_on(speed: int) -> None:
+    """Half a m/s below the stall, the path above it: nose down, faster, only then up; no second stall."""
+    plane = AIRPLANES[speed]
+    state = model.flying(plane.body, 0.0, 10.0, -60.0, 0.0, plane.body.stall_m_s - 0.5, CALM)
+    seen = flown_plainly(plane, speed, state, -65.0, 25.0)
+    least = plane.guide.envelope.airspeed_min_m_s
+    recovered = int(np.argmax(seen[:, 1] > least))
+    assert seen[recovered, 0] < 4.0
+    assert seen[recovered + 50 :, 1].min() > least
+    assert seen[:, 2].min() > 45.0
+    assert seen[-1, 2] == pytest.approx(65.0, abs=1.0)
+
+
+@pytest.mark.parametrize("speed", AIRPLANES)
+def test_no_reference_leads_it_below_the_floor(speed: int) -> None:
+    plane = AIRPLANES[speed]
+    state = model.flying(plane.body, 0.0, 0.0, -50.0, 0.0, float(speed), CALM)
+    seen = flown_plainly(plane, speed, state, 30.0, 40.0)
+    assert seen[:, 2].min() > -plane.guide.envelope.floor_down_m * 0.95
+    assert seen[-1, 2] == pytest.approx(-plane.guide.envelope.floor_down_m, abs=1.0)

@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 from guidance.handling import (
     airplane,
     airplane_bank,
+    airplane_clock,
     airplane_course,
     airplane_envelope,
     airplane_pitch,
     airplane_prediction,
     airplane_throttle,
     airplane_wind,
+    waiting,
 )
 from guidance.handling.airplane import Measured, airplane_step
 from guidance.handling.airplane_bank import GRAVITY_M_S2
@@ -305,6 +307,58 @@ def test_coasting_is_the_turn_at_this_bank() -> None:
     assert x.x == pytest.approx(air / rate * sin(angle) + wind.x * 0.3, abs=0.02)
     assert x.y == pytest.approx(air / rate * (1.0 - cos(angle)) + wind.y * 0.3, abs=0.02)
     assert x.z == pytest.approx(-0.3)
+
+
+# --- the clock ---
+
+
+def clock(e_north_m: float, v_m_s: float, slower: float, faster: float, curve_m_s2: float = 0.0) -> float:
+    """The rate that it settles at, for a plan of 10 m/s to the north."""
+    planned = Reference(ZERO, Vec3(10.0, 0.0, 0.0), Vec3(0.0, curve_m_s2, 0.0))
+    memory = waiting.ON_TIME
+    for _ in range(500):
+        memory = airplane_clock.clock_step(
+            WAITING,
+            memory,
+            planned,
+            Vec3(e_north_m, 0.0, 0.0),
+            Vec3(v_m_s, 0.0, 0.0),
+            slower,
+            faster,
+            8.0,
+            DT_S,
+        )
+    return memory.rate
+
+
+def test_the_clock_waits_and_hastens_within_its_bounds() -> None:
+    assert clock(0.0, 10.0, 2.0, 4.0) == pytest.approx(1.0)
+    assert clock(-100.0, 10.0, 2.0, 4.0) == WAITING.slowest
+    assert clock(100.0, 10.0, 2.0, 4.0) == WAITING.fastest
+
+
+def test_the_clock_is_what_the_wind_leaves() -> None:
+    # against the wind it flies 8 m/s at most, with it 13 m/s at least
+    assert clock(0.0, 7.0, 1.0, 1.0) == pytest.approx(0.8)
+    assert clock(0.0, 14.0, 1.0, 4.0) == pytest.approx(1.3)
+    assert clock(5.0, 14.0, 1.0, 4.0) == pytest.approx(1.3 + airplane_clock.CAUGHT_UP)
+    # but one that is behind is waited for
+    assert clock(-50.0, 14.0, 1.0, 4.0) == WAITING.slowest
+
+
+def test_the_clock_is_no_quicker_than_the_turn_that_a_bank_gives() -> None:
+    turned = sqrt(airplane_clock.TURNED_PART * 8.0 / 7.0)
+    assert turned < 1.0
+    assert clock(50.0, 10.0, 2.0, 4.0, 7.0) == pytest.approx(turned)
+    assert clock(50.0, 10.0, 2.0, 4.0, -7.0) == pytest.approx(turned)
+
+
+def test_a_clock_that_is_off_is_off() -> None:
+    planned = Reference(ZERO, Vec3(10.0, 0.0, 0.0), ZERO)
+    memory = airplane_clock.clock_step(
+        waiting.OFF, waiting.ON_TIME, planned, Vec3(-50.0, 0.0, 0.0), ZERO, 1.0, 1.0, 8.0, DT_S
+    )
+    assert memory == waiting.ON_TIME
 
 
 # --- the step ---

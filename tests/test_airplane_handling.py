@@ -433,6 +433,40 @@ def test_on_the_path_it_asks_for_the_turn_of_the_path() -> None:
     assert found.climb_m_s == pytest.approx(0.0)
 
 
+def test_in_a_cross_wind_the_acceleration_is_shared_between_bank_and_throttle() -> None:
+    """Eastbound on the circle in a wind to the south: the air's direction is not the ground's."""
+    guide, speed, radius, eta = AIRPLANES[20].guide, 20.0, 100.0, 0.74
+    reference = circle(0.0, radius, speed, True, -60.0)
+    wind = Vec3(-8.0, 0.0, 0.0)
+    air = hypot(speed, 8.0)
+    bank = atan(speed * speed / radius * speed / air / GRAVITY_M_S2 / eta)
+    measured = Measured(
+        Pose(reference.position, from_euler(bank, 0.0, 1.2)), reference.velocity, air, True, wind, 0.0
+    )
+    memory = airplane.unstarted(airplane.Trims(eta, 0.0, 0.0))
+    _, demand, found = airplane_step(guide, memory, measured, reference, DT_S)
+    assert demand.roll_rad == pytest.approx(bank, abs=1e-6)
+    # turning into the tail wind it must fly slower in the air by and by
+    along = guide.throttle.thrust_m_s2 * demand.throttle - airplane_throttle.drag_m_s2(
+        guide.throttle, air, found.load
+    )
+    assert along == pytest.approx(-speed * speed / radius * 8.0 / air, abs=1e-6)
+
+
+def test_nothing_is_learned_of_a_bank_that_is_saturated() -> None:
+    guide = AIRPLANES[20].guide
+    memory = airplane.unstarted(airplane.UNTRIMMED)
+    attitude = from_euler(1.0, 0.0, 0.0)
+    for _ in range(200):  # banks as far as it may, and does not turn; the reference is abeam
+        measured = Measured(
+            Pose(Vec3(0.0, 0.0, -60.0), attitude), Vec3(20.0, 0.0, 0.0), 20.0, True, ZERO, 0.0
+        )
+        reference = Reference(Vec3(0.0, 300.0, -60.0), Vec3(-20.0, 0.0, 0.0), ZERO)
+        memory, _, found = airplane_step(guide, memory, measured, reference, DT_S)
+        assert found.bank_saturated
+    assert airplane.trims_of(memory).effectiveness == 1.0
+
+
 def test_to_the_left_is_the_mirror_of_to_the_right() -> None:
     guide = AIRPLANES[20].guide
     asked = []

@@ -183,6 +183,20 @@ def test_below_the_stall_speed_the_wing_carries_no_more(name: str) -> None:
     assert state.velocity_down_m_s > 1.0
 
 
+@pytest.mark.parametrize("name", SPEEDS)
+def test_a_stalled_wing_drags_twice_as_much(name: str) -> None:
+    """Just beyond the angle of the most lift, without thrust, against just before it."""
+    parameters, state = level(name)
+    speed = 1.1 * parameters.stall_m_s
+    most = speed**2 / parameters.stall_m_s**2
+    alpha = parameters.alpha_zero_rad + parameters.alpha_per_load_rad_m2_s2 * most / speed**2
+    slowed = []
+    for beyond in (-1e-3, 1e-3):
+        flown = state._replace(velocity_north_m_s=speed, pitch_rad=alpha + beyond, throttle=0.0)
+        slowed.append(speed - step(parameters, flown, CALM, 1e-4).airspeed_m_s)
+    assert slowed[1] / slowed[0] == pytest.approx(2.0, rel=0.05)
+
+
 def test_commands_act_after_their_delays() -> None:
     """Ten commands 20 ms apart: each acts in its turn, none is lost."""
     parameters, state = level("airplane_20")

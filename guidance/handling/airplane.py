@@ -250,6 +250,7 @@ def airplane_step(
     upright = GRAVITY_M_S2 * cos(path_wanted) + climb_rate / cos(path_wanted)
 
     bank = airplane_bank.bank_for(lateral, upright, eta, bank_max)
+    saturated = bank.saturated or turn.saturated
     pitch = airplane_pitch.pitch_for(
         p.pitch,
         memory.pitch_trim_rad,
@@ -281,7 +282,7 @@ def airplane_step(
         Vec3(w_north, w_east, 0.0),
         bank_now,
         upright,
-        bank.saturated or climb.guarded,
+        saturated or climb.guarded,
         dt,
     )
     # half of what was asked for within `ahead_s` acts by then
@@ -305,7 +306,7 @@ def airplane_step(
             memory.waiting.rate,
             Vec3(w_north, w_east, 0.0),
             trims_of(after),
-            bank.saturated,
+            saturated,
             pitch.saturated,
             throttle.saturated,
             climb.limited,

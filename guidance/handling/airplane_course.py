@@ -38,12 +38,14 @@ class Wanted(NamedTuple):
 
 class Turn(NamedTuple):
     """Course rate that is asked for, rad/s; how far the course is off, rad, by the side that is turned to;
-    the side (1 right, -1 left) that is latched, or 0; how much the feed-forward counts, 0 to 1."""
+    the side (1 right, -1 left) that is latched, or 0; how much the feed-forward counts, 0 to 1; whether the
+    rate was limited."""
 
     course_rate_rad_s: float
     off_rad: float
     side: int
     aligned: float
+    saturated: bool
 
 
 def wanted_of(Xr: Vec3, Xr_dot: Vec3, course_rad: float) -> Wanted:
@@ -93,5 +95,6 @@ def turn_to(
         off += tau * side
     aligned = max(0.0, cos(off))
     back = copysign(stoppable(rho_per_s * abs(off), abs(off), turn_acceleration_rad_s2), off)
-    rate = clamp(aligned * wanted.course_rate_rad_s + back, -rate_max_rad_s, rate_max_rad_s)
-    return Turn(rate, off, side, aligned)
+    asked = aligned * wanted.course_rate_rad_s + back
+    rate = clamp(asked, -rate_max_rad_s, rate_max_rad_s)
+    return Turn(rate, off, side, aligned, rate != asked)

@@ -35,10 +35,29 @@ import numpy as np
 from numba.extending import register_jitable
 
 from guidance import alignment, allocation, error_function, law, limits, se3, trajectory
-from guidance.handling import crawl, ground, saturation, slip, smoothing, speed_loop, stuck, waiting
-from sitl import plant
+from guidance.handling import (
+    airplane,
+    airplane_bank,
+    airplane_clock,
+    airplane_course,
+    airplane_envelope,
+    airplane_pitch,
+    airplane_prediction,
+    airplane_throttle,
+    airplane_wind,
+    crawl,
+    ground,
+    saturation,
+    slip,
+    smoothing,
+    speed_loop,
+    stuck,
+    waiting,
+)
+from sitl import airplane_flight, plant
 from sitl.campaign import draw, flight
-from sitl.models import rover
+from sitl.models import airplane as airplane_model
+from sitl.models import gusts, rover
 
 #: Every module that has text in the machine code.
 MATHS: Final[tuple[ModuleType, ...]] = (
@@ -49,18 +68,30 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     allocation,
     law,
     trajectory,
+    waiting,
     crawl,
     saturation,
     slip,
     smoothing,
     speed_loop,
     stuck,
-    waiting,
     ground,
+    airplane,
+    airplane_bank,
+    airplane_clock,
+    airplane_course,
+    airplane_envelope,
+    airplane_pitch,
+    airplane_prediction,
+    airplane_throttle,
+    airplane_wind,
     plant,
     rover,
     flight,
     draw,
+    airplane_model,
+    gusts,
+    airplane_flight,
 )
 
 #: Too seldom and too long to be worth a copy at each place that calls them.

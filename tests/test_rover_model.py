@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from sitl.compiled import compiled
-from sitl.models import SHIPPED, load
+from sitl.models.files import ROVERS, load_rover
 from sitl.models.rover import IN_FLIGHT, Parameters, State, acting, at_rest, course_speed_m_s, step, told
 
-ROVER = load("rover")
+ROVER = load_rover("rover")
 STEP_S = 0.004
 PERIOD_STEPS = 5
 
@@ -132,7 +132,7 @@ def test_its_course_is_off_its_heading() -> None:
 
 
 def test_in_a_turn_a_boat_slides_outward() -> None:
-    still = load("boat")._replace(carried_north_m_s=0.0, carried_east_m_s=0.0)
+    still = load_rover("boat")._replace(carried_north_m_s=0.0, carried_east_m_s=0.0)
     state = driven(still, 0.4, 2.0, 20.0)
     side = math.cos(state.heading_rad) * state.velocity_east_m_s - math.sin(state.heading_rad) * (
         state.velocity_north_m_s
@@ -141,16 +141,16 @@ def test_in_a_turn_a_boat_slides_outward() -> None:
 
 
 def test_water_and_wind_carry_a_boat_sideways() -> None:
-    boat = load("boat")
+    boat = load_rover("boat")
     state = at_rest(0.0, 0.0, 0.0)
     state = step(boat, state, 0.0, 10.0, STEP_S)
     assert state.velocity_east_m_s == pytest.approx(boat.carried_east_m_s + 10.0 * boat.wind_part)
     assert course_speed_m_s(state) == pytest.approx(state.velocity_east_m_s)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", ROVERS)
 def test_shorter_steps_change_nothing(name: str) -> None:
-    parameters = load(name)
+    parameters = load_rover(name)
     coarse = driven(parameters, 0.4, 2.0, 8.0)
     fine = told(parameters, at_rest(0.0, 0.0, 0.0), 0.4, 2.0)
     fine = advanced(parameters, fine, 8000, 0.001)
@@ -195,9 +195,9 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, says: str) -> None:
     rest = {k: v for k, v in ROVER._asdict().items() if k != key} if text and "[" not in text else {}
     file.write_text("\n".join([*(f"{k} = {v}" for k, v in rest.items()), text]))
     with pytest.raises(ValueError, match=says):
-        load(str(file))
+        load_rover(str(file))
 
 
 def test_a_missing_file_is_named() -> None:
     with pytest.raises(ValueError, match=r"nowhere.*rover, boat"):
-        load("nowhere")
+        load_rover("nowhere")

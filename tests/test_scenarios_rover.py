@@ -8,7 +8,7 @@ from math import pi
 import pytest
 
 from guidance.handling.rover import Autopilot, handling
-from sitl.models import load
+from sitl.models.files import load_rover
 from sitl.scenarios.ground import SILENT, Setting, Task, fly
 from sitl.scenarios.tasks import (
     KNOWN_DELAY_S,
@@ -22,7 +22,7 @@ from sitl.scenarios.tasks import (
 )
 
 CIRCLE = ROVER[0]
-DEFAULT = Setting(load("rover"), handling(Autopilot(), KNOWN_DELAY_S), KNOWN_DELAY_S)
+DEFAULT = Setting(load_rover("rover"), handling(Autopilot(), KNOWN_DELAY_S), KNOWN_DELAY_S)
 
 
 @pytest.mark.parametrize("row", ROVER, ids=lambda row: row.name)
@@ -81,14 +81,14 @@ def test_a_boat_in_a_current_and_wind_stays_on_its_circle() -> None:
         TURN_RADIUS=2.0,
         yaw_gain=0.9,
     )
-    setting = replace(DEFAULT, model=load("boat"), handling=handling(boat, 0.2), known_delay_s=0.2)
+    setting = replace(DEFAULT, model=load_rover("boat"), handling=handling(boat, 0.2), known_delay_s=0.2)
     figures = fly(CIRCLE.task, replace(setting, wind_ne_m_s=(3.0, -3.0)))
     assert figures.rms_m < 0.12
     assert figures.max_m < 0.3
 
 
 def test_a_vehicle_in_a_ditch_is_found() -> None:
-    ditch = load("rover")._replace(speed_max_m_s=1e-3)
+    ditch = load_rover("rover")._replace(speed_max_m_s=1e-3)
     figures = fly(replace(CIRCLE.task, duration_s=8.0, settled_s=4.0), replace(DEFAULT, model=ditch))
     assert figures.stuck
 

@@ -52,6 +52,23 @@ class Parameters(NamedTuple):
     wind_part: float
 
 
+#: Parameters that divide, and those that may be negative.
+POSITIVE: Final = frozenset(
+    {
+        "yaw_lag_s",
+        "yaw_gain",
+        "yaw_slew_rad_s2",
+        "turning_radius_m",
+        "lateral_acceleration_m_s2",
+        "speed_max_m_s",
+        "acceleration_m_s2",
+        "drag_s",
+        "drive_m_s2",
+    }
+)
+SIGNED: Final = frozenset({"misalignment_rad", "carried_north_m_s", "carried_east_m_s"})
+
+
 class Command(NamedTuple):
     """What the autopilot is told, and from when on (s, the state's clock) it acts on it."""
 

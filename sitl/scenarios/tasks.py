@@ -17,7 +17,7 @@ from guidance.handling.rover import Autopilot, handling
 from guidance.law import PAPER, Gains, Parameters, desired_field
 from guidance.se3 import Vec3
 from guidance.trajectory import Circle, Lemniscate, Zigzag, sample
-from sitl.models import load
+from sitl.models.files import load_rover
 from sitl.scenarios.ground import Figures, Setting, Task, fly
 
 CIRCLE: Final = Circle(radius_m=10.0, speed_m_s=2.0)
@@ -134,7 +134,7 @@ VARIATIONS: Final = (
 def fly_row(row: Row, variation: Variation, seeds: int = 3, model: str = "rover") -> Result:
     """Flown `seeds` times."""
     setting = Setting(
-        load(model),
+        load_rover(model),
         handling(Autopilot(), KNOWN_DELAY_S + variation.extra_delay_s, waits=row.waits),
         KNOWN_DELAY_S,
         rate_hz=variation.rate_hz,

@@ -1,0 +1,79 @@
+"""The wind that an airplane flies in: from the autopilot, or from its own airspeed and heading.
+
+An airspeed says how long v - w is, and so corrects w along the air's direction; in a turn that direction
+comes round, and both parts of w become known without any heading. A heading corrects w across, where its
+bias (1 to 2 degrees: 0.3 m/s at 10 m/s, and around the circle zero on average) makes it the weaker witness;
+it is followed more slowly. The vertical wind is taken as zero: nothing measures it.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+from typing import Final, NamedTuple
+
+from guidance.limits import clamp
+from guidance.se3 import Vec3
+
+
+class Parameters(NamedTuple):
+    """Rates (1/s) at which the estimate follows an airspeed, a heading and the autopilot's own estimate; the
+    estimate's length is bounded."""
+
+    along_per_s: float
+    across_per_s: float
+    given_per_s: float
+    wind_max_m_s: float
+
+
+class Memory(NamedTuple):
+    """The estimate, NED, m/s, as it stands; `known` once something told of it."""
+
+    north_m_s: float
+    east_m_s: float
+    known: bool
+
+
+UNKNOWN: Final = Memory(0.0, 0.0, False)
+
+
+def wind_step(
+    parameters: Parameters,
+    memory: Memory,
+    velocity_ned_m_s: Vec3,
+    heading_rad: float,
+    airspeed_m_s: float,
+    given: bool,
+    given_ned_m_s: Vec3,
+    dt_s: float,
+) -> Memory:
+    """The estimate `dt_s` later. With `given` it follows the autopilot's; else, with an airspeed above 0, its
+    own; else it stays. What comes first is taken as it is."""
+    north, east, known = memory
+    if given:
+        part = clamp(parameters.given_per_s * dt_s, 0.0, 1.0) if known else 1.0
+        north += part * (given_ned_m_s.x - north)
+        east += part * (given_ned_m_s.y - east)
+        known = True
+    elif airspeed_m_s > 0.0:
+        level2 = airspeed_m_s * airspeed_m_s - velocity_ned_m_s.z * velocity_ned_m_s.z
+        level = sqrt(max(level2, 0.0))
+        if not known:
+            north = velocity_ned_m_s.x - level * cos(heading_rad)
+            east = velocity_ned_m_s.y - level * sin(heading_rad)
+            known = True
+        air_north, air_east = velocity_ned_m_s.x - north, velocity_ned_m_s.y - east
+        air = sqrt(air_north * air_north + air_east * air_east)
+        if air > 0.0:
+            c, s = air_north / air, air_east / air
+            # v - w is too long by this much, and turned from the heading to the right by this much
+            long = air - level
+            turned = air * (cos(heading_rad) * s - sin(heading_rad) * c)
+            along = clamp(parameters.along_per_s * dt_s, 0.0, 1.0) * long
+            across = clamp(parameters.across_per_s * dt_s, 0.0, 1.0) * turned
+            north += along * c - across * s
+            east += along * s + across * c
+    length = sqrt(north * north + east * east)
+    if length > parameters.wind_max_m_s:
+        north *= parameters.wind_max_m_s / length
+        east *= parameters.wind_max_m_s / length
+    return Memory(north, east, known)

@@ -13,7 +13,8 @@ from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import SupervisorConfig
 from guidance.mavlink.messages import CommandAck
-from guidance.mavlink.profiles import Mode, Profile, command_long, set_mode_command
+from guidance.mavlink.modes import Mode
+from guidance.mavlink.profiles import Profile, command_long, set_mode_command
 from guidance.supervisor import State
 from guidance.view import View
 

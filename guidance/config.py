@@ -20,6 +20,7 @@ from guidance.checking import Places, Problem, named, one_of, override, problems
 from guidance.connection import parse_connection as parse_connection
 from guidance.feasibility import infeasible
 from guidance.guard_limits import GuardsConfig, guard_conflicts
+from guidance.handling_config import GroundConfig
 from guidance.mavlink.profiles import PROFILES, Profile
 from guidance.trajectory import Trajectory
 from guidance.tuning import LEAST_RATE_RAD_S, NonNegative, Positive, Speed, cannot_allocate, conflicts
@@ -129,6 +130,7 @@ class Config(_Section, frozen=True, kw_only=True):
     limits: LimitsConfig
     flight: Flight
     trajectory: Trajectory
+    ground: GroundConfig = GroundConfig()
     guards: GuardsConfig = GuardsConfig()
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
@@ -230,7 +232,7 @@ def _conflicts(config: Config) -> Iterator[Problem]:
 
 
 def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
-    exits = [mode.name for mode in profile.modes if mode != profile.control_mode]
+    exits = profile.exits
     for key, name in (
         ("exit_mode", config.supervisor.exit_mode),
         ("hold_mode", config.supervisor.hold_mode),

@@ -16,7 +16,8 @@ from guidance.commanding import Commands
 from guidance.config import SupervisorConfig
 from guidance.leaving import LEAVING, Leaving
 from guidance.mavlink.messages import CommandAck
-from guidance.mavlink.profiles import Mode, Profile
+from guidance.mavlink.modes import Mode
+from guidance.mavlink.profiles import Profile
 from guidance.requests import Order, Requests
 from guidance.supervisor import SETPOINTS, Event, Setpoints, State, transition
 from guidance.takeover import PilotWatch

@@ -103,7 +103,7 @@ def guard_conflicts(
             f" = {config.delay_max_s:g}: an older attitude is not used in any case; must be below "
             f"link.attitude_timeout_s = {attitude_timeout_s:g}",
         )
-    choices = [SILENCE, *(mode.name for mode in profile.modes if mode != profile.control_mode)]
+    choices = [SILENCE, *profile.exits]
     for key in ACTIONS:
         name = getattr(config, key)
         if name not in choices:

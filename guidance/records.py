@@ -109,11 +109,12 @@ class Reference(Record, frozen=True, kw_only=True, gc=False):
     offset_ned_m: Triple = (0.0, 0.0, 0.0)
 
 
-class Setpoint(Record, frozen=True, kw_only=True, gc=False):
+class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """What was sent, and what the law asked for before limits; `t_ns` is the instant it is meant to act.
 
     `demanded_*` are (11) and (14) before, `body_rates_frd_rad_s` and `speed_m_s` after all limits.
-    `neutral` marks a setpoint that asks for nothing (proof of life before tracking).
+    `neutral` marks a setpoint that asks for nothing (proof of life before tracking). `attitude_wxyz` is that
+    of an airplane, whose thrust is its throttle; `velocity_ned_m_s` is what vehicles are told that take one.
     """
 
     seq: int
@@ -125,6 +126,8 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False):
     thrust: float
     saturated: bool
     singular: bool
+    attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)
+    velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
 
 
 class TrackingError(Record, frozen=True, kw_only=True, gc=False):
@@ -135,6 +138,24 @@ class TrackingError(Record, frozen=True, kw_only=True, gc=False):
     v1: float
     v2: float
     field_body: Triple
+
+
+class GroundHandling(Record, frozen=True, kw_only=True, gc=False):
+    """What was done around the law for a vehicle that drives (`guidance.handling.ground`).
+
+    The course is `slip_rad` to the right of the heading. The trajectory's clock runs at `clock_rate` and is
+    `waited_s` behind the flight's. `speed_correction_m_s` was added to the law's speed. `crawling`: the crawl
+    set the speed, `slowed`: it was lowered to keep the path in a turn, `stuck`: it is asked to drive and does
+    not move.
+    """
+
+    slip_rad: float
+    clock_rate: float
+    waited_s: float
+    speed_correction_m_s: float
+    crawling: bool
+    slowed: bool
+    stuck: bool
 
 
 class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -269,6 +290,7 @@ TOPICS: Final[dict[type[Record], str]] = {
     Reference: "reference",
     Setpoint: "setpoint",
     TrackingError: "error",
+    GroundHandling: "ground",
     Status: "status",
     Link: "link",
     Timing: "timing",

@@ -8,7 +8,7 @@ from typing import Final
 from guidance.engagement import Engagement
 from guidance.estimate import Estimate, Reset, Switch
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.profiles import Outgoing
+from guidance.mavlink.setpoints import Outgoing
 from guidance.records import Event, Level, Record, Reference, Setpoint, State, Status, TrackingError
 from guidance.se3 import norm
 from guidance.tracker import Solution, Tracker
@@ -172,6 +172,10 @@ def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoin
             thrust=out.thrust,
             saturated=saturated,
             singular=singular,
+            attitude_wxyz=out.attitude_wxyz,
+            velocity_ned_m_s=out.velocity_ned_m_s,
         )
     )
+    if solution is not None and solution.flown.around is not None:
+        made.append(solution.flown.around)
     return made

@@ -9,7 +9,8 @@ from guidance.connection import Connection
 from guidance.estimate import Estimate, Estimator
 from guidance.guarding import Guards
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.profiles import Outgoing, Profile, neutral, set_attitude_target
+from guidance.mavlink.profiles import Profile
+from guidance.mavlink.setpoints import Outgoing, setpoint_message
 from guidance.readiness import stalled, young
 from guidance.timing import Pace
 from guidance.tracker import Solution, Tracker
@@ -73,10 +74,9 @@ class Steering:
         solution = self._solve(estimate, now_ns) if law else None
         if isinstance(solution, str):
             return solution
-        full_m_s = self._config.vehicle.speed_at_full_thrust_m_s
-        out = neutral(self._profile, full_m_s) if solution is None else solution.outgoing
+        out = self._tracker.neutral(estimate) if solution is None else solution.outgoing
         self._link.outbox.send(
-            set_attitude_target(self._profile, out, self._link.system, self._link.component, boot_ms)
+            setpoint_message(self._profile, out, self._link.system, self._link.component, boot_ms)
         )
         self.setpoints_sent += 1
         self.sent_ns = now_ns

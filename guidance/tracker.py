@@ -1,4 +1,4 @@
-"""From a state to a setpoint: the trajectory in the vehicle's frame, the law, and the profile's ranges."""
+"""From a state to a setpoint: the trajectory in the vehicle's frame, the handling, the profile's ranges."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ from guidance.blending import (
 )
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.law import UNSTARTED, Evaluation, Memory, guide_step, planar
+from guidance.flying import Flown
+from guidance.flying.choice import handler_of
+from guidance.law import Evaluation, planar
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
-from guidance.mavlink.profiles import Outgoing, Profile, outgoing
+from guidance.mavlink.profiles import Profile
+from guidance.mavlink.setpoints import Outgoing, outgoing
 from guidance.prediction import NOTHING_SENT, History, sent
 from guidance.se3 import (
     ZERO,
     Pose,
     Reference,
-    Twist,
     Vec3,
     add,
     compose,
@@ -39,20 +41,29 @@ from guidance.se3 import (
     subtract,
 )
 from guidance.trajectory import sample
-from guidance.tuning import ALLOCATIONS, approach_m_s, cannot_allocate, parameters, rates_of
+from guidance.tuning import approach_m_s, cannot_allocate, rates_of
 
 
 class Solution(NamedTuple):
-    """One evaluation: the reference that was tracked, the law's answer, and what the profile makes of it.
+    """One evaluation: what was flown, and what the profile makes of it.
 
-    The reference is the trajectory moved by `offset_ned_m`.
+    The reference that was tracked is the trajectory moved by `offset_ned_m`.
     """
 
     trajectory_s: float
-    reference: Reference
     offset_ned_m: Vec3
-    evaluation: Evaluation
+    flown: Flown
     outgoing: Outgoing
+
+    @property
+    def reference(self) -> Reference:
+        """What was tracked."""
+        return self.flown.reference
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The law's."""
+        return self.flown.evaluation
 
 
 class Tracker:
@@ -66,14 +77,12 @@ class Tracker:
         self.start_ns: int | None = None
         self.origin_ned_m: Vec3 | None = None
         self.paused_s: float | None = None
+        self._config = config
         self._trajectory = config.trajectory
         self._origin = config.flight.origin
         self.allocation: str = config.law.allocation
         self.reported_allocation: str | None = None  # what the vehicle itself said last
-        self._law = config.law
-        self._limits = config.limits
-        self._parameters = parameters(config.law, config.limits, ZERO, planar=profile.planar)
-        self._memory: Memory = UNSTARTED
+        self.handler = handler_of(config, profile)
         self._history = NOTHING_SENT
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
@@ -106,8 +115,11 @@ class Tracker:
     def pause(self, instant_ns: int) -> None:
         """The flight is held from `instant_ns` on; the next `start` continues it."""
         if self.start_ns is not None:
-            self.paused_s = (instant_ns - self.start_ns) * 1e-9
+            self.paused_s = self._trajectory_s(instant_ns, self.start_ns)
             self.start_ns = None
+
+    def _trajectory_s(self, instant_ns: int, start_ns: int) -> float:
+        return (instant_ns - start_ns) * 1e-9 - self.handler.waited_s
 
     def start(self, instant_ns: int, origin_ned_m: Vec3) -> None:
         """t = 0 (after a pause, t = `paused_s`) is at `instant_ns`, and the trajectory's origin here, in the
@@ -115,37 +127,32 @@ class Tracker:
         self.start_ns = instant_ns - round((self.paused_s or 0.0) * 1e9)
         self.paused_s = None
         self.origin_ned_m = origin_ned_m
-        self._memory = UNSTARTED
+        self.handler.start()
         self._history = NOTHING_SENT
         self._stepped_ns = instant_ns
         self._forget_resets()
-        self._parametrise(origin_ned_m)
+        self.handler.configure(self._config, origin_ned_m, self.allocation)
 
     def reconfigure(self, config: Config) -> None:
         """Gains, limits and trajectory are these from the next setpoint on; they are checked already."""
+        self._config = config
         self._trajectory = config.trajectory
-        self._law = config.law
-        self._limits = config.limits
-        self._parametrise(self.origin_ned_m or ZERO)
-
-    def _parametrise(self, origin_ned_m: Vec3) -> None:
-        found = parameters(self._law, self._limits, origin_ned_m, planar=self._profile.planar)
-        self._parameters = found._replace(allocation=ALLOCATIONS[self.allocation])
+        self.handler.configure(config, self.origin_ned_m or ZERO, self.allocation)
 
     def allocate(self, name: str) -> str | None:
         """Turn with these actuators from now on, in whatever flight; or why that is refused."""
         if name != "pitch-yaw" and self._profile.planar:
             return f"{self._profile.name} is planar and cannot roll"
-        without = cannot_allocate(name, self._limits, self._profile.planar)
+        without = cannot_allocate(name, self._config.limits, self._profile.planar)
         if without is not None:
             return f"limits.{without[0]} = {without[1]:g} leaves it without that rate"
         self.allocation = name
-        self._parameters = self._parameters._replace(allocation=ALLOCATIONS[name])
+        self.handler.configure(self._config, self.origin_ned_m or ZERO, name)
         return None
 
     def _blending(self) -> Blending:
         """By the limits, the law and the allocation as they now are: any may change in flight."""
-        limits = self._limits
+        limits = self._config.limits
         keys = rates_of(self.allocation, self._profile.planar)
         accelerations = (getattr(limits, key.replace("rate", "acceleration") + "2") for key in keys)
         return blending(
@@ -154,7 +161,7 @@ class Tracker:
             min(getattr(limits, key) for key in keys),
             math.inf if limits.acceleration_max_m_s2 is None else limits.acceleration_max_m_s2,
             min((a for a in accelerations if a is not None), default=math.inf),
-            approach_m_s(self._law.error_function),
+            approach_m_s(self._config.law.error_function),
         )
 
     def find_origin(
@@ -200,6 +207,7 @@ class Tracker:
         led = compose(before.pose, exp(before.twist, since_s))
         jump = subtract(estimate.pose.position, led.position)
         self._offset = shifted(self._offset, jump._replace(z=0.0) if self._profile.planar else jump)
+        self.handler.shifted(jump)
         kept = multiply(quaternion_exp(self._turn.angle_rad), led.attitude)
         turn = quaternion_log(multiply(kept, conjugate(estimate.pose.attitude)))
         self._turn = self._turn._replace(angle_rad=turn)
@@ -208,11 +216,9 @@ class Tracker:
         """The law at the estimate's instant; `start` must have been called."""
         assert self.start_ns is not None
         assert self.origin_ned_m is not None
-        trajectory_s = (estimate.instant_ns - self.start_ns) * 1e-9
+        trajectory_s = self._trajectory_s(estimate.instant_ns, self.start_ns)
         relative = sample(self._trajectory, trajectory_s)
         reference = relative._replace(position=add(self.origin_ned_m, relative.position))
-        pose: Pose = estimate.pose
-        twist = estimate.twist
         dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
         self._stepped_ns = estimate.instant_ns
         if self._unblended:
@@ -220,28 +226,24 @@ class Tracker:
         self._seen = estimate
         if self._turn is not NO_TURN:
             self._turn = turn_step(self._turn, dt_s)
-            pose = Pose(pose.position, multiply(quaternion_exp(self._turn.angle_rad), pose.attitude))
+            turned = multiply(quaternion_exp(self._turn.angle_rad), estimate.pose.attitude)
+            estimate = estimate._replace(pose=Pose(estimate.pose.position, turned))
         if self._profile.planar:
-            pose, reference = planar(pose, reference)
-            twist = Twist(Vec3(0.0, 0.0, twist.angular.z), twist.linear)
+            _, reference = planar(estimate.pose, reference)
         if self._offset is not NO_OFFSET:
             limits = self._blending()
             self._offset = offset_step(limits, self._offset, spare_speed_m_s(limits, reference), dt_s)
             reference = blended(reference, self._offset)
-        self._memory, evaluation = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
-        u = evaluation.controls
-        self._history = sent(self._history, estimate.instant_ns, Vec3(u.u1, u.u2, u.u3))
-        return Solution(
-            trajectory_s,
-            reference,
-            self._offset.position,
-            evaluation,
-            outgoing(self._profile, u.u1, u.u2, u.u3, u.u4, self._speed_at_full_thrust_m_s),
-        )
+        flown = self.handler.step(estimate, reference, dt_s)
+        self._history = sent(self._history, estimate.instant_ns, flown.acting_rates_frd_rad_s)
+        out = outgoing(self._profile, flown.demand, self._speed_at_full_thrust_m_s)
+        return Solution(trajectory_s, self._offset.position, flown, out)
+
+    def neutral(self, estimate: Estimate) -> Outgoing:
+        """What asks the vehicle to stay as it is."""
+        return outgoing(self._profile, self.handler.neutral(estimate), self._speed_at_full_thrust_m_s)
 
 
 def is_usable(solution: Solution) -> bool:
     """Whether every number that would be sent or logged is finite."""
-    e = solution.evaluation
-    sent = (*solution.outgoing.body_rates_frd_rad_s, solution.outgoing.thrust)
-    return all(map(math.isfinite, (*sent, *e.e, *e.demanded, e.V1, e.V2)))
+    return solution.outgoing.is_finite() and solution.flown.is_finite()

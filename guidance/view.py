@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.profiles import Mode, Profile
+from guidance.mavlink.modes import Mode
+from guidance.mavlink.profiles import Profile
 from guidance.mavlink.report import absence
 
 #: More silence than this counts, or half the firmware's own time-out if that is less.

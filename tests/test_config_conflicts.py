@@ -11,6 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from guidance.checking import one_of
 from guidance.config import ConfigError, Locator, Zenoh, from_json, parse, profile_of, to_json
 from guidance.feasibility import infeasible
 from guidance.mavlink.profiles import PROFILES
@@ -206,9 +207,9 @@ ROVER_EXITS = (
     [
         (
             "vehicle.profile=px4-uv",
-            '"px4-uv": must be "ardupilot-rover" or "px4-uuv" (did you mean px4-uuv?)',
+            f'"px4-uv": must be {one_of(sorted(PROFILES))} (did you mean px4-uuv?)',
         ),
-        ("vehicle.profile=zeppelin", '"zeppelin": must be "ardupilot-rover" or "px4-uuv"'),
+        ("vehicle.profile=zeppelin", f'"zeppelin": must be {one_of(sorted(PROFILES))}'),
         (
             "supervisor.exit_mode=holt",
             '"holt": not a mode that px4-uuv can be left in; must be "manual", "altitude", "position", '

@@ -26,7 +26,8 @@ from hypothesis import strategies as st
 from guidance.config import SupervisorConfig
 from guidance.engagement import Change, Engagement
 from guidance.mavlink.messages import CommandAck
-from guidance.mavlink.profiles import Mode, Profile
+from guidance.mavlink.modes import Mode
+from guidance.mavlink.profiles import Profile
 from guidance.supervisor import SETPOINTS, Event, Setpoints, State
 from guidance.view import Trip, View
 from tests.engagement_bench import BOTH, S, mode

@@ -15,7 +15,7 @@ import guidance.steering
 import guidance.takeover
 import guidance.view
 import sitl.faults.table
-from guidance.mavlink.profiles import set_attitude_target
+from guidance.mavlink.setpoints import setpoint_message
 from guidance.supervisor import State
 from sitl import cli
 from sitl.faults.fault import BEGINNINGS, Expected, Fault, Never
@@ -99,9 +99,9 @@ def test_a_service_that_is_broken_fails(what: str, monkeypatch: pytest.MonkeyPat
 
 def test_a_setpoint_that_is_sent_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def repeated(profile: Any, out: Any, system: int, component: int, time_boot_ms: int) -> Any:
-        return set_attitude_target(profile, out, system, component, time_boot_ms // 100 * 100)
+        return setpoint_message(profile, out, system, component, time_boot_ms // 100 * 100)
 
-    monkeypatch.setattr(guidance.steering, "set_attitude_target", repeated)
+    monkeypatch.setattr(guidance.steering, "setpoint_message", repeated)
     assert "a setpoint was sent twice, or with an older time" in fly(row("a gap of 0.2 s both ways")).problems
 
 

@@ -15,8 +15,8 @@ import guidance.core
 import guidance.fleet
 import guidance.steering
 from guidance.mavlink.codec import FrameReader
-from guidance.mavlink.profiles import set_attitude_target
 from guidance.mavlink.sequence import SequenceWatch
+from guidance.mavlink.setpoints import setpoint_message
 from guidance.supervisor import State
 from guidance.telemetry import arrivals
 from sitl import cli
@@ -97,12 +97,12 @@ def with_setpoints_in_every_state(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def with_limits_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    send = set_attitude_target
+    send = setpoint_message
 
     def wide(profile: Any, out: Any, *others: Any) -> Any:
         return send(profile, out._replace(thrust=out.thrust * 1.5), *others)
 
-    monkeypatch.setattr(guidance.steering, "set_attitude_target", wide)
+    monkeypatch.setattr(guidance.steering, "setpoint_message", wide)
 
 
 def without_nesting(monkeypatch: pytest.MonkeyPatch) -> None:

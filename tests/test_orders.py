@@ -24,6 +24,8 @@ from guidance.commands import (
     verb_of,
 )
 from guidance.core import Guide
+from guidance.flying.rates import Rates
+from guidance.law import Parameters
 from guidance.orders import ANSWERS_KEPT, Orders
 from guidance.records import Answer, Event, Input, InputKind, Level, Record, Setpoint, Status
 from guidance.supervisor import State
@@ -78,6 +80,11 @@ def order(orders: Orders, given: Order, now_ns: int = 1) -> Answer:
     return answer
 
 
+def law_of(tracker: Tracker) -> Parameters:
+    assert isinstance(tracker.handler, Rates)
+    return tracker.handler._parameters
+
+
 @pytest.mark.parametrize("state", State)
 def test_gains_limits_and_allocations_are_taken_in_every_state(state: State) -> None:
     orders, tracker, _ = desk(state)
@@ -85,14 +92,14 @@ def test_gains_limits_and_allocations_are_taken_in_every_state(state: State) -> 
     assert order(orders, Set(key="limits.acceleration_max_m_s2", value=2)).reason == (
         "limits.acceleration_max_m_s2: no limit -> 2.0"
     )
-    assert tracker._parameters.gains.k == 0.5
-    assert tracker._parameters.limits.acceleration_m_s2 == 2.0
+    assert law_of(tracker).gains.k == 0.5
+    assert law_of(tracker).limits.acceleration_m_s2 == 2.0
     assert order(orders, Allocate(allocation="roll-yaw")).accepted
     assert tracker.allocation == "roll-yaw"
     refused = order(orders, Set(key="law.k", value=60))
     assert not refused.accepted
     assert "must be below 1 to be stable" in refused.reason
-    assert orders.config.law.k == tracker._parameters.gains.k == 0.5  # the old one
+    assert orders.config.law.k == law_of(tracker).gains.k == 0.5  # the old one
 
 
 @pytest.mark.parametrize("state", State)
@@ -161,7 +168,7 @@ def test_an_id_is_for_one_order_only() -> None:
     assert order(orders, Engage(id="1", source="zenoh ada")).repeated  # which keeps it
     assert order(orders, Set(id="2", key="law.k", value=0.5)).accepted
     assert not order(orders, Set(id="2", key="law.k", value=0.6)).accepted
-    assert tracker._parameters.gains.k == 0.5
+    assert law_of(tracker).gains.k == 0.5
 
 
 def test_so_many_answers_are_kept_and_no_more() -> None:

@@ -11,19 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.checking import one_of
 from guidance.config import ConfigError, profile_of
 from guidance.mavlink.codec import PacketWriter
-from guidance.mavlink.profiles import (
-    BODY_RATE_MAX_RAD_S,
-    PROFILES,
-    Outgoing,
-    Profile,
-    command_long,
-    neutral,
-    outgoing,
-    set_attitude_target,
-    set_mode_command,
-)
+from guidance.mavlink.profiles import PROFILES, Asked, Profile, command_long, set_mode_command
+from guidance.mavlink.setpoints import BODY_RATE_MAX_RAD_S, Demand, Outgoing, outgoing, setpoint_message
+from guidance.se3 import Quaternion, Vec3
 from tests.helpers import ROVER, make_config
 from tests.mavlink_peer import checksum
 from tests.strategies import properties
@@ -61,8 +54,8 @@ def packed(message: Any) -> str:
 
 
 def test_golden_bytes_of_a_px4_uuv_setpoint() -> None:
-    out = outgoing(UUV, 0.5, -0.25, 0.125, 1.5, 3.0)
-    sent = packed(set_attitude_target(UUV, out, 1, 1, 0x01020304))
+    out = outgoing(UUV, Demand(Vec3(0.5, -0.25, 0.125), 1.5), 3.0)
+    sent = packed(setpoint_message(UUV, out, 1, 1, 0x01020304))
     assert sent == attitude_target(0x01020304, UUV_MASK, (0.5, -0.25, 0.125), 0.5)
     # Once as bytes, so that the helpers above cannot be wrong together with the code.
     assert (
@@ -81,8 +74,8 @@ def test_golden_bytes_of_a_px4_uuv_setpoint() -> None:
 
 
 def test_golden_bytes_of_an_ardupilot_rover_setpoint() -> None:
-    out = outgoing(BOAT, 0.5, -0.25, 0.125, -1.5, 3.0)
-    sent = packed(set_attitude_target(BOAT, out, 1, 1, 1000))
+    out = outgoing(BOAT, Demand(Vec3(0.5, -0.25, 0.125), -1.5), 3.0)
+    sent = packed(setpoint_message(BOAT, out, 1, 1, 1000))
     assert sent == attitude_target(1000, ROVER_MASK, (0.0, 0.0, 0.125), -0.5)
     assert (
         sent
@@ -98,9 +91,58 @@ def test_golden_bytes_of_an_ardupilot_rover_setpoint() -> None:
     )
 
 
+@pytest.mark.parametrize(("name", "mask"), [("px4-plane", "07"), ("ardupilot-plane", "84")])
+def test_golden_bytes_of_an_airplane_s_setpoint(name: str, mask: str) -> None:
+    out = outgoing(PROFILES[name], Demand(attitude=Quaternion(1.6, 1.2, 0.0, 0.0), throttle=0.5), 1.0)
+    sent = packed(setpoint_message(PROFILES[name], out, 1, 1, 1000))
+    assert (
+        sent
+        == (
+            "fd2700000001bf520000"
+            "e8030000"  # time
+            "cdcc4c3f9a99193f0000000000000000"  # q, of length 1
+            "000000000000000000000000"  # rates
+            "0000003f"  # throttle
+            f"0101{mask}"  # target, mask
+        )
+        + sent[-4:]
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "mask"), [("px4-copter", "c705"), ("ardupilot-copter", "c705"), ("px4-rover", "c70d")]
+)
+def test_golden_bytes_of_a_velocity(name: str, mask: str) -> None:
+    demand = Demand(velocity_ned_m_s=Vec3(1.0, -2.0, 0.5), yaw_rate_rad_s=-0.25)
+    out = outgoing(PROFILES[name], demand, 1.0)
+    assert out.speed_m_s == pytest.approx(math.sqrt(5.25))
+    sent = packed(setpoint_message(PROFILES[name], out, 1, 1, 1000))
+    assert (
+        sent
+        == (
+            "fd3500000001bf540000"
+            "e8030000"  # time
+            "000000000000000000000000"  # position
+            "0000803f000000c00000003f"  # velocity
+            "000000000000000000000000"  # acceleration
+            "00000000"  # yaw
+            "000080be"  # yaw rate
+            f"{mask}0101"  # mask, target
+            "01"  # local NED
+        )
+        + sent[-4:]
+    )
+
+
+def test_an_attitude_of_no_length_is_never_packed() -> None:
+    out = outgoing(PROFILES["px4-plane"], Demand(attitude=Quaternion(0.0, 0.0, 0.0, 0.0)), 1.0)
+    with pytest.raises(ValueError, match="not finite"):
+        setpoint_message(PROFILES["px4-plane"], out, 1, 1, 0)
+
+
 @pytest.mark.parametrize(("profile", "mask"), [(UUV, UUV_MASK), (BOAT, ROVER_MASK)])
 def test_golden_bytes_of_the_neutral_setpoint(profile: Profile, mask: int) -> None:
-    sent = packed(set_attitude_target(profile, neutral(profile, 5.0), 1, 1, 7))
+    sent = packed(setpoint_message(profile, outgoing(profile, Demand(), 5.0), 1, 1, 7))
     assert sent == attitude_target(7, mask, (0.0, 0.0, 0.0), 0.0)
 
 
@@ -170,22 +212,32 @@ def test_every_field_is_clamped(
     name: str, roll: float, pitch: float, yaw: float, speed_m_s: float, full_m_s: float
 ) -> None:
     profile = PROFILES[name]
-    out = outgoing(profile, roll, pitch, yaw, speed_m_s, full_m_s)
-    sent = bytes.fromhex(packed(set_attitude_target(profile, out, 1, 1, 2**40)))
+    velocity = Vec3(roll, pitch, speed_m_s)
+    demand = Demand(
+        Vec3(roll, pitch, yaw), speed_m_s, throttle=yaw, velocity_ned_m_s=velocity, yaw_rate_rad_s=yaw
+    )
+    out = outgoing(profile, demand, full_m_s)
+    sent = bytes.fromhex(packed(setpoint_message(profile, out, 1, 1, 2**40)))
     (message,) = dialect.MAVLink(None).parse_buffer(sent)
+    assert message.type_mask == profile.type_mask
+    assert message.time_boot_ms == 0
+    if profile.asked is Asked.VELOCITY_YAW_RATE:
+        assert max(map(abs, (message.vx, message.vy, message.vz))) <= 1000.0
+        assert abs(message.yaw_rate) <= BODY_RATE_MAX_RAD_S + 1e-6
+        return
     for rate in (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate):
         assert abs(rate) <= BODY_RATE_MAX_RAD_S + 1e-6  # of 32 bits, too
     assert profile.thrust_min <= message.thrust <= profile.thrust_max
-    assert out.speed_m_s == pytest.approx(min(max(speed_m_s, -full_m_s), full_m_s))
-    assert message.time_boot_ms == 0
+    if profile.asked is not Asked.ATTITUDE_THROTTLE:
+        assert out.speed_m_s == pytest.approx(min(max(speed_m_s, -full_m_s), full_m_s))
 
 
 @pytest.mark.parametrize("value", [1e300, -1e300, math.inf, -math.inf])
 def test_clamps_hold_at_both_ends(value: float) -> None:
     sign = math.copysign(1.0, value)
-    out = outgoing(UUV, value, value, value, value, 5.0)
+    out = outgoing(UUV, Demand(Vec3(value, value, value), value), 5.0)
     assert out == Outgoing((sign * BODY_RATE_MAX_RAD_S,) * 3, sign, sign * 5.0)
-    planar = outgoing(BOAT, value, value, value, value, 5.0)
+    planar = outgoing(BOAT, Demand(Vec3(value, value, value), value), 5.0)
     assert planar == Outgoing((0.0, 0.0, sign * BODY_RATE_MAX_RAD_S), sign, sign * 5.0)
 
 
@@ -196,7 +248,7 @@ def test_a_number_that_is_not_finite_is_never_packed(field: int, bad: float) -> 
     fields[field] = bad
     rates = (fields[0], fields[1], fields[2])
     with pytest.raises(ValueError, match="not finite"):
-        set_attitude_target(UUV, Outgoing(rates, fields[3], 0.0), 1, 1, 0)
+        setpoint_message(UUV, Outgoing(rates, fields[3], 0.0), 1, 1, 0)
 
 
 @pytest.mark.parametrize("field", range(4))
@@ -204,7 +256,7 @@ def test_a_nan_is_not_clamped_into_a_number(field: int) -> None:
     fields = [0.0] * 4
     fields[field] = math.nan
     roll, pitch, yaw, speed_m_s = fields
-    out = outgoing(UUV, roll, pitch, yaw, speed_m_s, 5.0)
+    out = outgoing(UUV, Demand(Vec3(roll, pitch, yaw), speed_m_s), 5.0)
     assert math.isnan((*out.body_rates_frd_rad_s, out.thrust)[field])
 
 
@@ -212,7 +264,7 @@ def test_the_configuration_names_a_profile_and_a_mode_to_leave_to() -> None:
     assert profile_of(make_config()) is UUV
     assert profile_of(make_config(*ROVER)) is BOAT
     for override, text in (
-        ("vehicle.profile=zeppelin", 'must be "ardupilot-rover" or "px4-uuv"'),
+        ("vehicle.profile=zeppelin", f"must be {one_of(sorted(PROFILES))}"),
         ("supervisor.exit_mode=offboard", "not a mode that px4-uuv can be left in"),
         ("supervisor.exit_mode=smart_rtl", 'must be "manual", "altitude"'),
     ):

@@ -8,11 +8,12 @@ import pytest
 
 from guidance.blending import Blending, blending
 from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
+from guidance.law import Evaluation
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import PROFILES
 from guidance.records import Reference
 from guidance.se3 import Vec3
-from guidance.tracker import Tracker, is_usable
+from guidance.tracker import Solution, Tracker, is_usable
 from guidance.trajectory import sample
 from tests.helpers import ROVER, fly_until_tracking, make_config, make_flight
 
@@ -146,11 +147,15 @@ def test_a_number_that_is_not_finite_is_not_usable() -> None:
     solution = guide.tracker.solve(estimate)
     assert is_usable(solution)
     evaluation = solution.evaluation
+
+    def with_evaluation(found: Evaluation) -> Solution:
+        return solution._replace(flown=solution.flown._replace(evaluation=found))
+
     for broken in (
-        solution._replace(evaluation=evaluation._replace(V1=math.nan)),
-        solution._replace(evaluation=evaluation._replace(e=Vec3(0.0, math.inf, 0.0))),
+        with_evaluation(evaluation._replace(V1=math.nan)),
+        with_evaluation(evaluation._replace(e=Vec3(0.0, math.inf, 0.0))),
         solution._replace(outgoing=solution.outgoing._replace(thrust=math.nan)),
         solution._replace(outgoing=solution.outgoing._replace(body_rates_frd_rad_s=(0.0, math.nan, 0.0))),
-        solution._replace(evaluation=evaluation._replace(demanded=evaluation.demanded._replace(u3=math.inf))),
+        with_evaluation(evaluation._replace(demanded=evaluation.demanded._replace(u3=math.inf))),
     ):
         assert not is_usable(broken)

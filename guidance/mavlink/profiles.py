@@ -4,72 +4,73 @@ What an autopilot does with a setpoint differs by firmware and vehicle; everythi
 the same for all. To add a vehicle, add a row to `PROFILES` and its golden bytes to the tests.
 
 Sources: PX4 `src/modules/mavlink/mavlink_receiver.cpp` (main, 2025-08), ArduPilot
-`Rover/GCS_MAVLink_Rover.cpp` and `Rover/mode_guided.cpp` (2025-10).
+`Rover/GCS_MAVLink_Rover.cpp`, `ArduPlane/GCS_MAVLink_Plane.cpp`, `ArduCopter/GCS_MAVLink_Copter.cpp` and each
+one's `mode_guided.cpp` (2025-10).
 """
 
 from __future__ import annotations
 
-import math
-from struct import Struct
+from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
-from guidance.mavlink.codec import Payload
+from guidance.mavlink.modes import COPTER_MODES, PLANE_MODES, PX4_MODES, ROVER_MODES, Mode
 from guidance.mavlink.requirements import PX4_OFFBOARD, ROVER_GUIDED, Requirement
 
-#: Time, attitude, body rates, thrust; target, mask. The extension, thrust_body, is zero and left out.
-_ATTITUDE_TARGET: Final = Struct("<I8f3B")
 _IGNORE_ROLL_RATE: Final = 1
 _IGNORE_PITCH_RATE: Final = 2
+_IGNORE_YAW_RATE: Final = 4
 _IGNORE_ATTITUDE: Final = 128
-
-#: No vehicle is asked to turn faster than this, whatever the configuration says (4 pi, two turns a second).
-BODY_RATE_MAX_RAD_S: Final = 12.566370614359172
-
-
-class Mode(NamedTuple):
-    """A flight mode: the operator's name, HEARTBEAT's `custom_mode`, and DO_SET_MODE's param2 and param3."""
-
-    name: str
-    custom_mode: int
-    main: int
-    sub: int = 0
+#: Of SET_POSITION_TARGET_LOCAL_NED: position, acceleration, yaw; what is left is velocity and yaw rate.
+_VELOCITY_AND_YAW_RATE: Final = 0x5C7
+_VELOCITY: Final = 0xDC7
 
 
-def _px4(name: str, main: int, sub: int = 0) -> Mode:
-    return Mode(name, main << 16 | sub << 24, main, sub)
+class Handling(StrEnum):
+    """How a vehicle is driven along the law's field: the class of its body (`guidance.flying`)."""
+
+    RATES = "rates"
+    GROUND = "ground"
+    AIRPLANE = "airplane"
+    VELOCITY = "velocity"
 
 
-def _ardupilot(name: str, number: int) -> Mode:
-    return Mode(name, number, number)
+class Asked(StrEnum):
+    """What a setpoint carries, and with it its message."""
+
+    RATES_SPEED = "body rates and thrust for a speed"
+    YAW_RATE_SPEED = "yaw rate and thrust for a speed"
+    ATTITUDE_THROTTLE = "roll, pitch and throttle"
+    VELOCITY_YAW_RATE = "velocity and yaw rate"
 
 
 class Profile(NamedTuple):
-    """One row. Rates and thrust are clamped here because PX4 acts on what it is sent.
+    """One row. What is asked is clamped (`setpoints`) because PX4 acts on what it is sent.
 
-    `type_mask` is SET_ATTITUDE_TARGET's. `thrust_min..thrust_max` is the range that the firmware gives a
-    meaning. `planar` takes the law on SE(2). `needs_stream` says that the control mode is refused unless
-    setpoints already arrive, and that a resumed stream takes control back. After `stream_timeout_s` without
-    a setpoint the autopilot acts by itself (`on_timeout`). The neutral setpoint is zero rates and
-    `thrust_neutral`: it asks the vehicle to stay as it is. `odometry` says that ODOMETRY can be asked
-    for. `project` is how it makes a local position of latitude and longitude. `requirements` are what its
-    parameters must be; integers among these come `parameters_bytewise`, or by value. `estimator` names what
-    tells its health.
+    `type_mask` is that of the message that `asked` goes into. `thrust_min..thrust_max` is the range that the
+    firmware gives a meaning. `planar` takes the law on SE(2). `needs_stream` says that the control mode is
+    refused unless setpoints already arrive, and that a resumed stream takes control back. After
+    `stream_timeout_s` without a setpoint the autopilot acts by itself (`on_timeout`). `holding` is the mode
+    that "hold" stands for. `odometry` says that ODOMETRY can be asked for. `project` is how it makes a local
+    position of latitude and longitude. `requirements` are what its parameters must be; integers among these
+    come `parameters_bytewise`, or by value. `estimator` names what tells its health.
     """
 
     name: str
     firmware: str
     autopilot: int
     vehicle_types: frozenset[int]
+    handling: Handling
     planar: bool
+    asked: Asked
     type_mask: int
     thrust_min: float
     thrust_max: float
-    thrust_neutral: float
     control_mode: Mode
     modes: tuple[Mode, ...]
+    holding: str
     needs_stream: bool
     stream_timeout_s: float
     on_timeout: str
@@ -81,159 +82,176 @@ class Profile(NamedTuple):
     estimator: str
 
     def mode(self, name: str) -> Mode | None:
-        """The mode of that name, None if this firmware has none."""
-        return next((mode for mode in self.modes if mode.name == name), None)
+        """The mode of that name, None if this firmware has none; "hold" is the one that holds."""
+        wanted = self.holding if name == "hold" else name
+        return next((mode for mode in self.modes if mode.name == wanted), None)
 
     def mode_name(self, custom_mode: int) -> str:
         """The name of a HEARTBEAT's `custom_mode`, or its number if it has none here."""
         found = next((mode.name for mode in self.modes if mode.custom_mode == custom_mode), None)
         return found if found is not None else f"mode {custom_mode}"
 
+    @property
+    def exits(self) -> tuple[str, ...]:
+        """The names of the modes in which it can be left."""
+        names = [mode.name for mode in self.modes if mode != self.control_mode]
+        return tuple(names if "hold" in names else ["hold", *names])
 
-_PX4_OFFBOARD: Final = _px4("offboard", 6)
-_ROVER_GUIDED: Final = _ardupilot("guided", 15)
+
+_COPTERS: Final = frozenset(
+    {
+        dialect.MAV_TYPE_QUADROTOR,
+        dialect.MAV_TYPE_COAXIAL,
+        dialect.MAV_TYPE_HELICOPTER,
+        dialect.MAV_TYPE_HEXAROTOR,
+        dialect.MAV_TYPE_OCTOROTOR,
+        dialect.MAV_TYPE_TRICOPTER,
+    }
+)
+
+
+def _px4(
+    name: str,
+    vehicle_types: frozenset[int],
+    handling: Handling,
+    asked: Asked,
+    type_mask: int,
+    thrust: tuple[float, float] = (-1.0, 1.0),
+    *,
+    planar: bool = False,
+) -> Profile:
+    """A row of PX4: the firmware's manners are those of every vehicle."""
+    return Profile(
+        name=name,
+        firmware="PX4",
+        autopilot=dialect.MAV_AUTOPILOT_PX4,
+        vehicle_types=vehicle_types,
+        handling=handling,
+        planar=planar,
+        asked=asked,
+        type_mask=type_mask,
+        thrust_min=thrust[0],
+        thrust_max=thrust[1],
+        control_mode=next(mode for mode in PX4_MODES if mode.name == "offboard"),
+        modes=PX4_MODES,
+        holding="hold",
+        needs_stream=True,
+        stream_timeout_s=1.0,  # COM_OF_LOSS_T
+        on_timeout="COM_OBL_RC_ACT (default: position mode); the intended mode stays offboard",
+        mode_hz=10.0,  # HEARTBEAT shows a mode change up to 1 s late, and only CURRENT_MODE the intended
+        odometry=True,
+        project=azimuthal_equidistant,
+        requirements=PX4_OFFBOARD,
+        parameters_bytewise=True,
+        estimator="ESTIMATOR_STATUS",
+    )
+
+
+def _ardupilot(
+    name: str,
+    vehicle_types: frozenset[int],
+    handling: Handling,
+    asked: Asked,
+    type_mask: int,
+    modes: tuple[Mode, ...],
+    holding: str,
+    on_timeout: str,
+    requirements: tuple[Requirement, ...],
+    thrust: tuple[float, float] = (-1.0, 1.0),
+    *,
+    planar: bool = False,
+) -> Profile:
+    """A row of ArduPilot: modes and what a setpoint means differ by vehicle."""
+    return Profile(
+        name=name,
+        firmware="ArduPilot",
+        autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        vehicle_types=vehicle_types,
+        handling=handling,
+        planar=planar,
+        asked=asked,
+        type_mask=type_mask,
+        thrust_min=thrust[0],
+        thrust_max=thrust[1],
+        control_mode=next(mode for mode in modes if mode.name == "guided"),
+        modes=modes,
+        holding=holding,
+        needs_stream=False,
+        stream_timeout_s=3.0,
+        on_timeout=on_timeout,
+        mode_hz=0.0,  # HEARTBEAT comes at once with a mode change
+        odometry=False,  # not in its table of messages (`GCS_Common.cpp`): every rate is refused
+        project=equirectangular,
+        requirements=requirements,
+        parameters_bytewise=False,
+        estimator="EKF_STATUS_REPORT",
+    )
+
 
 PROFILES: Final[dict[str, Profile]] = {
     profile.name: profile
     for profile in (
-        Profile(
-            name="px4-uuv",
-            firmware="PX4",
-            autopilot=dialect.MAV_AUTOPILOT_PX4,
-            vehicle_types=frozenset({dialect.MAV_TYPE_SUBMARINE}),
-            planar=False,
-            type_mask=_IGNORE_ATTITUDE,  # PX4 takes the rates when roll and pitch rate are both unmasked
-            thrust_min=-1.0,
-            thrust_max=1.0,  # along +x for a submarine
-            thrust_neutral=0.0,
-            control_mode=_PX4_OFFBOARD,
-            modes=(
-                _px4("manual", 1),
-                _px4("altitude", 2),
-                _px4("position", 3),
-                _px4("takeoff", 4, 2),
-                _px4("hold", 4, 3),
-                _px4("mission", 4, 4),
-                _px4("return", 4, 5),
-                _px4("land", 4, 6),
-                _px4("acro", 5),
-                _PX4_OFFBOARD,
-                _px4("stabilized", 7),
-            ),
-            needs_stream=True,
-            stream_timeout_s=1.0,  # COM_OF_LOSS_T
-            on_timeout="COM_OBL_RC_ACT (default: position mode); the intended mode stays offboard",
-            mode_hz=10.0,  # HEARTBEAT shows a mode change up to 1 s late, and only CURRENT_MODE the intended
-            odometry=True,
-            project=azimuthal_equidistant,
-            requirements=PX4_OFFBOARD,
-            parameters_bytewise=True,
-            estimator="ESTIMATOR_STATUS",
+        _px4(
+            "px4-uuv",
+            frozenset({dialect.MAV_TYPE_SUBMARINE}),
+            Handling.RATES,
+            Asked.RATES_SPEED,  # along +x for a submarine
+            _IGNORE_ATTITUDE,  # PX4 takes the rates when roll and pitch rate are both unmasked
         ),
-        Profile(
-            name="ardupilot-rover",
-            firmware="ArduPilot",
-            autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
-            vehicle_types=frozenset({dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT}),
+        _px4(
+            "px4-plane",
+            frozenset({dialect.MAV_TYPE_FIXED_WING}),
+            Handling.AIRPLANE,
+            Asked.ATTITUDE_THROTTLE,
+            _IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE | _IGNORE_YAW_RATE,
+            (0.0, 1.0),
+        ),
+        _px4("px4-copter", _COPTERS, Handling.VELOCITY, Asked.VELOCITY_YAW_RATE, _VELOCITY_AND_YAW_RATE),
+        _px4(
+            "px4-rover",
+            frozenset({dialect.MAV_TYPE_GROUND_ROVER}),
+            Handling.VELOCITY,
+            Asked.VELOCITY_YAW_RATE,
+            _VELOCITY,
             planar=True,
-            type_mask=_IGNORE_ATTITUDE | _IGNORE_PITCH_RATE | _IGNORE_ROLL_RATE,
-            thrust_min=-1.0,
-            thrust_max=1.0,  # x WP_SPEED = ground speed
-            thrust_neutral=0.0,
-            control_mode=_ROVER_GUIDED,
-            modes=(
-                _ardupilot("manual", 0),
-                _ardupilot("acro", 1),
-                _ardupilot("steering", 3),
-                _ardupilot("hold", 4),
-                _ardupilot("loiter", 5),
-                _ardupilot("follow", 6),
-                _ardupilot("simple", 7),
-                _ardupilot("dock", 8),
-                _ardupilot("circle", 9),
-                _ardupilot("auto", 10),
-                _ardupilot("rtl", 11),
-                _ardupilot("smart_rtl", 12),
-                _ROVER_GUIDED,
-                _ardupilot("initialising", 16),
-            ),
-            needs_stream=False,
-            stream_timeout_s=3.0,
-            on_timeout="stops and stays in guided",
-            mode_hz=0.0,  # HEARTBEAT comes at once with a mode change
-            odometry=False,  # not in its table of messages (`GCS_Common.cpp`): every rate is refused
-            project=equirectangular,
-            requirements=ROVER_GUIDED,
-            parameters_bytewise=False,
-            estimator="EKF_STATUS_REPORT",
+        ),
+        _ardupilot(
+            "ardupilot-rover",
+            frozenset({dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT}),
+            Handling.GROUND,
+            Asked.YAW_RATE_SPEED,  # thrust x WP_SPEED = ground speed
+            _IGNORE_ATTITUDE | _IGNORE_PITCH_RATE | _IGNORE_ROLL_RATE,
+            ROVER_MODES,
+            "hold",
+            "stops and stays in guided",
+            ROVER_GUIDED,
+            planar=True,
+        ),
+        _ardupilot(
+            "ardupilot-plane",
+            frozenset({dialect.MAV_TYPE_FIXED_WING}),
+            Handling.AIRPLANE,
+            Asked.ATTITUDE_THROTTLE,
+            _IGNORE_ATTITUDE | _IGNORE_YAW_RATE,  # takes roll and pitch of q, keeps the coordinated rudder
+            PLANE_MODES,
+            "loiter",
+            "goes back to its own navigation and stays in guided",
+            (),
+            (0.0, 1.0),
+        ),
+        _ardupilot(
+            "ardupilot-copter",
+            _COPTERS,
+            Handling.VELOCITY,
+            Asked.VELOCITY_YAW_RATE,
+            _VELOCITY_AND_YAW_RATE,
+            COPTER_MODES,
+            "loiter",
+            "levels and stops, and stays in guided (GUID_TIMEOUT)",
+            (),
         ),
     )
 }
-
-
-class Outgoing(NamedTuple):
-    """What a setpoint asks for after the profile's clamps: body rates FRD rad/s, thrust, speed in m/s."""
-
-    body_rates_frd_rad_s: tuple[float, float, float]
-    thrust: float
-    speed_m_s: float
-
-
-def _clamp(value: float, low: float, high: float) -> float:
-    """Into [low, high]; NaN stays NaN because it is compared first."""
-    return min(max(value, low), high)
-
-
-def outgoing(
-    profile: Profile,
-    roll_rate: float,
-    pitch_rate: float,
-    yaw_rate: float,
-    speed_m_s: float,
-    speed_at_full_thrust_m_s: float,
-) -> Outgoing:
-    """The law's controls (rad/s, m/s) in the ranges that the autopilot gives a meaning.
-
-    `thrust = clamp(u4 / speed_at_full_thrust_m_s)`. Inputs should be finite: a NaN comes out as NaN, which
-    the caller must refuse and `set_attitude_target` will not pack.
-    """
-    rates = (
-        _clamp(roll_rate, -BODY_RATE_MAX_RAD_S, BODY_RATE_MAX_RAD_S),
-        _clamp(pitch_rate, -BODY_RATE_MAX_RAD_S, BODY_RATE_MAX_RAD_S),
-        _clamp(yaw_rate, -BODY_RATE_MAX_RAD_S, BODY_RATE_MAX_RAD_S),
-    )
-    if profile.planar:
-        rates = (0.0, 0.0, rates[2])
-    thrust = _clamp(speed_m_s / speed_at_full_thrust_m_s, profile.thrust_min, profile.thrust_max)
-    return Outgoing(rates, thrust, thrust * speed_at_full_thrust_m_s)
-
-
-def neutral(profile: Profile, speed_at_full_thrust_m_s: float) -> Outgoing:
-    """The setpoint that asks the vehicle to stay as it is."""
-    return Outgoing(
-        (0.0, 0.0, 0.0), profile.thrust_neutral, profile.thrust_neutral * speed_at_full_thrust_m_s
-    )
-
-
-def set_attitude_target(
-    profile: Profile, setpoint: Outgoing, system: int, component: int, boot_ms: int
-) -> Payload:
-    """SET_ATTITUDE_TARGET (82) for this autopilot; the attitude is masked and its field neutral.
-
-    Raises ValueError for a number that is not finite: to the autopilot NaN means anything but "nothing".
-    """
-    if not all(map(math.isfinite, (*setpoint.body_rates_frd_rad_s, setpoint.thrust))):
-        raise ValueError(f"a setpoint that is not finite: {setpoint}")
-    payload = _ATTITUDE_TARGET.pack(
-        boot_ms & 0xFFFFFFFF,
-        *(1.0, 0.0, 0.0, 0.0),
-        *setpoint.body_rates_frd_rad_s,
-        setpoint.thrust,
-        system,
-        component,
-        profile.type_mask,
-    )
-    return Payload(dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
 
 
 def set_mode_command(mode: Mode, system: int, component: int) -> Any:

@@ -1,0 +1,20 @@
+"""Which handler drives a profile's vehicle."""
+
+from __future__ import annotations
+
+from guidance.config import Config
+from guidance.flying import Handler
+from guidance.flying.ground import Ground
+from guidance.flying.rates import Rates
+from guidance.mavlink.profiles import Handling, Profile
+
+
+def handler_of(config: Config, profile: Profile) -> Handler:
+    """A new one, for a checked configuration."""
+    match profile.handling:
+        case Handling.GROUND if config.ground.enabled:
+            return Ground(config)
+        case Handling.RATES | Handling.GROUND:
+            return Rates(config, planar=profile.planar)
+        case Handling.AIRPLANE | Handling.VELOCITY:
+            raise NotImplementedError(profile.handling)

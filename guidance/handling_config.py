@@ -1,0 +1,30 @@
+"""[ground] of the configuration: what is done around the law for vehicles that drive.
+
+Every key has a default that flies; one that is absent is taken from the autopilot's own parameters. Switched
+off are a function's numbers that are 0.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from guidance.tuning import NonNegative, Positive, Section
+
+
+class GroundConfig(Section, frozen=True, kw_only=True):
+    """Rovers and boats (`guidance.handling.ground`); not `enabled`, the law alone drives them."""
+
+    enabled: bool = True
+    turning_radius_m: NonNegative | None = None
+    crawl_m_s: NonNegative | None = None
+    lateral_acceleration_max_m_s2: Positive | None = None
+    yaw_gain: Annotated[float, Meta(ge=0.2, le=5.0)] = 1.0
+    smoothing_s: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.15
+    slip_max_deg: Annotated[float, Meta(ge=0.0, le=45.0)] = 8.6
+    speed_kp: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.45
+    speed_ki_per_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.4
+    speed_lag_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.45
+    waits: bool = False
+    stuck_s: Annotated[float, Meta(ge=0.0, le=60.0)] = 3.0

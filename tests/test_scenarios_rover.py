@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from sitl.cli import app
 from sitl.scenarios.flight import Task, fly
 from sitl.scenarios.rover import CORNER_S, ON_A_CIRCLE, WAITS, rows, task
-from sitl.scenarios.table import AS_IT_IS, Row, Variation, fly_row, in_words
+from sitl.scenarios.table import AS_IT_IS, Limits, Row, Variation, fly_row, in_words
 from sitl.vehicle.estimator import SILENT
 
 ROWS = rows()
@@ -65,7 +65,7 @@ def test_each_part_around_the_law_is_needed() -> None:
     """Without it the same flight misses a figure that it reaches with it, or never leaves."""
     slow = replace(CIRCLE, speed_part=0.7)
     assert fly(with_settings(slow, "ground.speed_kp=0", "ground.speed_ki_per_s=0")).rms_m > 0.3
-    assert fly(with_settings(CIRCLE, "ground.slip_max_deg=0")).rms_m > 0.04
+    assert fly(with_settings(CIRCLE, "ground.slip_max_deg=0")).rms_m > 1.5 * fly(CIRCLE).rms_m
     away = replace(ROWS[5].task, duration_s=10.0, noise=SILENT)
     still = fly(with_settings(away, "ground.crawl_m_s=0", "guards.effect_s=60"))
     assert still.converged_s == inf
@@ -75,7 +75,7 @@ def test_each_part_around_the_law_is_needed() -> None:
 def test_a_reference_that_waits_is_reached_earlier() -> None:
     away = task(ON_A_CIRCLE, (25.0, 0.0, 0.0), 25.0)
     assert fly(with_settings(away, *WAITS)).converged_s < 0.8 * fly(away).converged_s
-    assert fly(with_settings(QUIET, *WAITS)).rms_m < 0.01
+    assert fly(with_settings(QUIET, *WAITS)).rms_m < 0.02
 
 
 def test_a_corner_is_waited_for() -> None:
@@ -106,10 +106,15 @@ def test_the_command_prints_the_table() -> None:
     assert "profiles are ardupilot-rover" in nothing.output
 
 
-def test_a_limit_that_is_missed_is_said_and_is_the_exit_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    strict = replace(
-        ROWS[0], limits=replace(ROWS[0].limits, rms_m=0.001), task=replace(CIRCLE, duration_s=15.0)
-    )
+def test_a_limit_that_is_missed_is_said() -> None:
+    strict = replace(ROWS[0], limits=Limits(rms_m=0.001), task=replace(CIRCLE, duration_s=15.0))
     result = fly_row(strict, seeds=1)
     assert result.missed == ("rms_m",)
     assert "MISSED" in in_words(result)
+
+
+def test_a_flight_that_does_not_come_about_is_said() -> None:
+    far = task(ON_A_CIRCLE, (500.0, 0.0, 0.0), 5.0)
+    result = fly_row(replace(ROWS[0], task=far), seeds=1)
+    assert result.figures is None
+    assert "engage_max_error_m" in in_words(result)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from functools import lru_cache
+from itertools import pairwise
 from math import cos, floor, pi, sqrt
 from typing import Final, NamedTuple
 
@@ -79,7 +80,7 @@ def _quarter(half_m: float, width_m: float) -> _Quarter:
         | {end - d for d in _halved(0.5 * middle, near_end)}
     )
     arcs_m = [0.0]
-    for low, high in zip(phases, phases[1:], strict=False):
+    for low, high in pairwise(phases):
         arcs_m.append(arcs_m[-1] + _arc_m(low, high, half_m, width_m))
     return _Quarter(tuple(phases), tuple(arcs_m))
 

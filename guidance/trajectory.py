@@ -189,9 +189,10 @@ def eight(
 
 
 class _Parameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="name"):
-    """Parameters of a trajectory; `cycle_s` of each: in so long it shows every velocity that it ever has.
+    """Parameters of a trajectory; `cycle_s` of each: in so long it shows every velocity that it ever has, but
+    for those while it is `eased_s`.
 
-    Of these keys all have those of the stop; a stop adds slower ones to the velocities. Decoding refuses what the `Meta` of a field excludes (msgspec.ValidationError with the key); NaN, which
+    Decoding refuses what the `Meta` of a field excludes (msgspec.ValidationError with the key); NaN, which
     TOML can spell and comparisons let through, is refused here.
     """
 
@@ -309,7 +310,7 @@ class Eight(_Parameters, frozen=True, kw_only=True, tag="eight"):
     down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="height below the origin, m")] = 0.0
     rise_m: Annotated[
         float,
-        Meta(ge=-1e5, le=1e5, description="how much higher the north end is, m; the south end is lower"),
+        Meta(ge=-1e5, le=1e5, description="how much the north end is higher, and the south end lower, m"),
     ] = 0.0
 
     @property

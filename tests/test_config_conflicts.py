@@ -171,7 +171,7 @@ def test_the_extremes_of_a_lemniscate_are_found_within_1_percent(eight: Lemnisca
 def test_within_its_cycle_a_trajectory_shows_all_its_velocities(name: str) -> None:
     curve = make_config(f"trajectory.name={name}").trajectory
     shown = np.array(
-        [sample(curve, t_s).velocity for t_s in np.linspace(0.0, curve.cycle_s, 4000, endpoint=False)]
+        [sample(curve, t_s).velocity for t_s in np.linspace(0.0, curve.cycle_s, 8000, endpoint=False)]
     )
     for t_s in np.linspace(0.0, 500.0, 300):
         assert np.abs(shown - sample(curve, t_s).velocity).max(axis=1).min() < 0.005

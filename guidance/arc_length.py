@@ -63,7 +63,7 @@ def _inverse(quarter: _Quarter, arc_m: float, half_m: float, width_m: float) -> 
         off_m = _arc_m(low, phase, half_m, width_m) - missing_m
         change = off_m / stretch_m(phase, half_m, width_m)
         phase = min(max(phase - change, low), high)
-        if abs(change) < 1e-9:  # it converges quadratically: that was the last that mattered
+        if abs(change) < 1e-7 * (high - low):  # it converges quadratically: this was the last that matters
             break
     return phase
 

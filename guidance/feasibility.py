@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from guidance.abilities import FREE, Abilities, Bound, GroundAbilities, SpaceAbilities
 from guidance.checking import Problem, shown
+from guidance.handling.rover import ACCELERATION_PART, GRAVITY_M_S2, LATERAL_PART
+from guidance.handling_config import GroundConfig
 from guidance.se3 import ZERO, Vec3
 from guidance.shortfall import needed, shortfalls
 from guidance.trajectory import Trajectory
@@ -18,7 +20,12 @@ _SPEED: Final = 1
 
 
 def infeasible(
-    trajectory: Trajectory, limits: LimitsConfig, law: LawConfig, full_thrust_m_s: float, planar: bool
+    trajectory: Trajectory,
+    limits: LimitsConfig,
+    law: LawConfig,
+    full_thrust_m_s: float,
+    planar: bool,
+    ground: GroundConfig | None = None,
 ) -> Iterator[Problem]:
     """What of the reference no vehicle within these limits could follow.
 
@@ -32,7 +39,7 @@ def infeasible(
             f" = {limits.speed_min_m_s:g}: must be below speed_max_m_s = {limits.speed_max_m_s:g}",
         )
         return
-    abilities = abilities_of(limits, law, full_thrust_m_s, planar)
+    abilities = abilities_of(limits, law, full_thrust_m_s, planar, ground)
     if law.name == "paper" and limits.speed_min_m_s >= 0.0:
         fastest_m_s = needed(trajectory, type(abilities))[_SPEED]
         yield Problem(
@@ -61,9 +68,14 @@ def unflyable(trajectory: Trajectory, abilities: Abilities, wind_ned_m_s: Vec3 =
 
 
 def abilities_of(
-    limits: LimitsConfig, law: LawConfig, full_thrust_m_s: float, planar: bool
+    limits: LimitsConfig,
+    law: LawConfig,
+    full_thrust_m_s: float,
+    planar: bool,
+    ground: GroundConfig | None = None,
 ) -> SpaceAbilities | GroundAbilities:
-    """Those of [limits], in space, or in the plane for a `planar` vehicle, which turns by yaw alone.
+    """Those of [limits], in space, or in the plane for a `planar` vehicle, which turns by yaw alone, with
+    those of [ground].
 
     Elsewhere the rates that move b1 are those of the allocation; rolling does not. Pitch and yaw count
     together as the root of their squares' sum, which rates about the body axes give at one angle of roll
@@ -76,6 +88,8 @@ def abilities_of(
     )
     acceleration = _bound(limits.acceleration_max_m_s2, "limits.acceleration_max_m_s2")
     if planar:
+        lateral_m_s2 = None if ground is None else ground.lateral_acceleration_max_m_s2
+        radius_m = 0.0 if ground is None else ground.turning_radius_m or 0.0
         return GroundAbilities(
             speed_least_m_s=least,
             speed_m_s=most,
@@ -83,6 +97,8 @@ def abilities_of(
             yaw_acceleration_rad_s2=_bound(
                 limits.yaw_acceleration_max_rad_s2, "limits.yaw_acceleration_max_rad_s2"
             ),
+            lateral_m_s2=_bound(lateral_m_s2, "ground.lateral_acceleration_max_m_s2"),
+            radius_least_m=Bound(radius_m, "ground.turning_radius_m"),
             acceleration_m_s2=acceleration,
         )
     turning = [key for key in rates_of(law.allocation, planar) if key != "roll_rate_max_rad_s"]
@@ -91,6 +107,30 @@ def abilities_of(
     # an allocation without its rates is refused as such
     turn = Bound(turn_rad_s, keys) if turn_rad_s > 0.0 else FREE
     return SpaceAbilities(least, most, turn, acceleration)
+
+
+def within_autopilot(abilities: GroundAbilities, values: Mapping[str, float]) -> GroundAbilities:
+    """The tighter of each and of an ArduPilot rover's parameters (`values`, in its units; 0 is no limit
+    there), of which the handling asks only for a part. What the configuration says of the turning radius goes
+    before TURN_RADIUS."""
+
+    def tighter(ours: Bound, key: str, unit: float, part: float = 1.0) -> Bound:
+        value = values.get(key) or math.inf
+        theirs = Bound(unit * value, f"{key} {value:g}")
+        return min(ours, theirs if part == 1.0 else theirs.less(1.0 - part))
+
+    a = abilities
+    radius_m = values.get("TURN_RADIUS", 0.0)
+    return a._replace(
+        speed_m_s=tighter(a.speed_m_s, "WP_SPEED", 1.0),
+        yaw_rate_rad_s=tighter(a.yaw_rate_rad_s, "ATC_STR_RAT_MAX", math.radians(1.0)),
+        yaw_acceleration_rad_s2=tighter(a.yaw_acceleration_rad_s2, "ATC_STR_ACC_MAX", math.radians(1.0)),
+        lateral_m_s2=tighter(a.lateral_m_s2, "ATC_TURN_MAX_G", GRAVITY_M_S2, LATERAL_PART),
+        radius_least_m=a.radius_least_m
+        if a.radius_least_m.value > 0.0
+        else Bound(radius_m, f"TURN_RADIUS {radius_m:g}"),
+        acceleration_m_s2=tighter(a.acceleration_m_s2, "ATC_ACCEL_MAX", 1.0, ACCELERATION_PART),
+    )
 
 
 def _bound(limit: float | None, key: str) -> Bound:

@@ -101,6 +101,11 @@ def refusal(*overrides: str, text: str = TEXT) -> str:
             "change of yaw rate: ",
         ),
         (
+            [*ROVER, "trajectory.name=circle", "trajectory.radius_m=1", "ground.turning_radius_m=1.5"],
+            "radius: 1 m needed at t = 0 s (north 1 m, east 0 m), at least 1.5 m available "
+            "(ground.turning_radius_m): a radius of at least 1.5 m",
+        ),
+        (
             [*ROVER, "trajectory.name=circle", "trajectory.stop_at_s=20", "limits.acceleration_max_m_s2=0.3"],
             "take at least 5 s to stop (trajectory.stop_over_s)",
         ),

@@ -22,11 +22,13 @@ from guidance.abilities import (
     VelocityAbilities,
     turning_s,
 )
+from guidance.feasibility import abilities_of, within_autopilot
 from guidance.handling.airplane_bank import GRAVITY_M_S2
 from guidance.instants import INSTANTS, looked_at
 from guidance.se3 import ZERO, Vec3
 from guidance.shortfall import Shortfall, needed, shortfalls
 from guidance.trajectory import Circle, Eight, Helix, Lemniscate, Line, Trajectory, Zigzag, sample
+from tests.helpers import make_config
 from tests.strategies import properties
 
 #: ArduPilot's autotest rover, as `handling.rover` takes its parameters.
@@ -396,6 +398,22 @@ def test_margins_and_the_tighter_of_two_limits_say_where_they_come_from() -> Non
     assert [each.text for each in found] == [
         "climb: 3 m/s needed at t = 0 s (north 0 m, east 1 m), 2.5 m/s available (WPNAV_SPEED_UP 250)"
     ]
+
+
+def test_a_rover_is_held_to_the_tighter_of_its_configuration_and_its_autopilot() -> None:
+    config = make_config("vehicle.profile=ardupilot-rover", "flight.origin=engage")
+    ours = abilities_of(config.limits, config.law, 5.0, planar=True, ground=config.ground)
+    assert isinstance(ours, GroundAbilities)
+    values = {"WP_SPEED": 3.0, "ATC_STR_ACC_MAX": 120.0, "ATC_ACCEL_MAX": 0.0, "ATC_TURN_MAX_G": 0.6}
+    held = within_autopilot(ours, {**values, "ATC_STR_RAT_MAX": 400.0, "TURN_RADIUS": 0.9})
+    assert held.speed_m_s == (3.0, "WP_SPEED 3")
+    assert held.yaw_rate_rad_s == (5.0, "limits.yaw_rate_max_rad_s")
+    assert held.yaw_acceleration_rad_s2.value == pytest.approx(radians(120.0))
+    assert held.lateral_m_s2.value == pytest.approx(0.7 * 0.6 * 9.81)
+    assert held.lateral_m_s2.source == "ATC_TURN_MAX_G 0.6 less 30 %"
+    assert held.radius_least_m == (0.9, "TURN_RADIUS 0.9")
+    assert held.acceleration_m_s2.value == math.inf  # 0 is no limit
+    assert within_autopilot(ours, {}) == ours._replace(radius_least_m=Bound(0.0, "TURN_RADIUS 0"))
 
 
 def test_other_limits_and_the_same_wind_are_not_looked_for_again() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from math import atan, cos, hypot, isnan, pi, radians, sqrt, tan
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -140,8 +141,10 @@ def test_advice_that_would_harm_what_is_met_is_not_given() -> None:
 SPEEDS = st.floats(0.5, 30.0)
 RADII = st.floats(0.5, 300.0)
 
+Curve = TypeVar("Curve", Circle, Line)
 
-def with_advice(trajectory: Trajectory, shortfall: Shortfall) -> list[Trajectory]:
+
+def with_advice(trajectory: Curve, shortfall: Shortfall) -> list[Curve]:
     """The trajectory as it is advised to be, in each of the ways, with the numbers of the text."""
     words = shortfall.text.rpartition(": ")[2]
     if "available" in words:

@@ -8,11 +8,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sitl.models import airplane, rover
+from sitl.models import airplane, copter, rover
 
-#: Models that come with the package: those that drive, and airplanes.
-ROVERS: Final = ("rover", "boat")
+#: Models that come with the package: those that drive, airplanes, and copters.
+ROVERS: Final = ("rover", "rover_px4", "boat")
 AIRPLANES: Final = ("airplane_12", "airplane_20")
+COPTERS: Final = ("copter_px4", "copter_ardupilot")
 
 P = TypeVar("P", bound=tuple[float, ...])
 
@@ -31,6 +32,11 @@ def load_airplane(name: str) -> airplane.Parameters:
     return _load(airplane.Parameters, name, airplane.POSITIVE, airplane.SIGNED)
 
 
+def load_copter(name: str) -> copter.Parameters:
+    """Likewise a copter's."""
+    return _load(copter.Parameters, name, copter.POSITIVE, copter.SIGNED)
+
+
 def _load(kind: type[P], name: str, positive: frozenset[str], signed: frozenset[str]) -> P:
     """Values in `positive` must be above 0, in `signed` may be anything finite, all others not negative."""
     try:
@@ -40,7 +46,8 @@ def _load(kind: type[P], name: str, positive: frozenset[str], signed: frozenset[
             text = (files("sitl.models") / f"{name}.toml").read_text(encoding="utf-8")
     except OSError as error:
         raise ValueError(
-            f"{name}: {error.strerror}; a model is one of {', '.join((*ROVERS, *AIRPLANES))}, or a TOML file"
+            f"{name}: {error.strerror}; a model is one of {', '.join((*ROVERS, *AIRPLANES, *COPTERS))},"
+            " or a TOML file"
         ) from error
     try:
         table = tomllib.loads(text)

@@ -1,8 +1,8 @@
 """A copter's flight without MAVLink: model, noise and `velocity_step`, interpreted or compiled.
 
-The model steps at 4 ms, the guide at 50 Hz; what it measures it predicts, by the measured twist, to the instant
-at which its demand acts, `ahead_s` later, and takes the reference of that instant. What is measured has the
-noise of an estimator (`NOISES` independent normals a step):
+The model steps at 4 ms, the guide at 50 Hz; what it measures it predicts, by the measured twist, to the
+instant at which its demand acts, `ahead_s` later, and takes the reference of that instant. What is measured
+has the noise of an estimator (`NOISES` independent normals a step):
 
 - position: white, and a bias within `BIAS_MAX_M` that wanders with a correlation time of 30 s;
 - heading: a constant bias; roll, pitch, heading, velocity, yaw rate: white.
@@ -34,7 +34,7 @@ from guidance.se3 import (
 from guidance.se3 import exp as moved_by
 from guidance.trajectory import circle, helix, lemniscate, line
 from sitl.models import copter as model
-from sitl.models.gusts import NO_GUSTS, Turbulence, Wind, blowing, gusts_step
+from sitl.models.gusts import NO_GUSTS, Turbulence, blowing, gusts_step
 
 MODEL_STEP_S: Final = 0.004
 GUIDE_STEP_S: Final = 0.02
@@ -171,7 +171,5 @@ def fly(
         blows = blowing(turbulence, gusts)
         for _ in range(steps):
             state = model.step(body, state, blows, MODEL_STEP_S)
-        through = sqrt(
-            (flown[0] - blows.north_m_s) ** 2 + (flown[1] - blows.east_m_s) ** 2 + flown[2] ** 2
-        )
+        through = sqrt((flown[0] - blows.north_m_s) ** 2 + (flown[1] - blows.east_m_s) ** 2 + flown[2] ** 2)
         gusts = gusts_step(turbulence, gusts, through, (z[0], z[1], z[2]), GUIDE_STEP_S)

@@ -36,14 +36,14 @@ class Copter(NamedTuple):
     ahead_s: float
 
 
-def copter_px4(configured: copter.Configured = copter.Configured()) -> Copter:  # noqa: B008
+def copter_px4(configured: copter.Configured = copter.UNBOUNDED) -> Copter:
     """PX4's quadrotor. `ahead_s`: the delay and the attitude's lags."""
-    return Copter(load_copter("copter_px4"), copter.px4(copter.Px4(), configured), 0.15)
+    return Copter(load_copter("copter_px4"), copter.px4(copter.Px4(), configured), 0.09)
 
 
-def copter_ardupilot(configured: copter.Configured = copter.Configured()) -> Copter:  # noqa: B008
+def copter_ardupilot(configured: copter.Configured = copter.UNBOUNDED) -> Copter:
     """ArduPilot's. `ahead_s`: the delay, and what its loops need after the led velocity and its jerk."""
-    return Copter(load_copter("copter_ardupilot"), copter.ardupilot(copter.ArduPilot(), configured), 0.25)
+    return Copter(load_copter("copter_ardupilot"), copter.ardupilot(copter.ArduPilot(), configured), 0.06)
 
 
 class Scenario(NamedTuple):
@@ -80,16 +80,16 @@ END_S: Final = 2.0
 
 TASKS: Final = {
     "circle r 10 m at 3 m/s": Scenario(
-        Task(CIRCLE, 10.0, 3.0, 0.0), (-3.0, 0.0, 1.0), 60.0, 20.0, 0.0, 15.0, 0.15, 0.4
+        Task(CIRCLE, 10.0, 3.0, 0.0), (-3.0, 0.0, 1.0), 60.0, 20.0, 0.0, 6.0, 0.15, 0.4
     ),
     "helix r 10 m at 3 m/s, 0.5 m/s up": Scenario(
-        Task(HELIX, 10.0, 3.0, 0.5), (0.0, -3.0, 1.0), 60.0, 20.0, 0.0, 15.0, 0.15, 0.4
+        Task(HELIX, 10.0, 3.0, 0.5), (0.0, -3.0, 1.0), 60.0, 20.0, 0.0, 6.0, 0.15, 0.4
     ),
     "lemniscate 40 x 20 m at 3 m/s": Scenario(
-        Task(EIGHT, 40.0, 3.0, 0.0), (-2.0, 2.0, 0.0), 80.0, 20.0, 0.0, 15.0, 0.2, 0.5
+        Task(EIGHT, 40.0, 3.0, 0.0), (-2.0, 2.0, 0.0), 80.0, 20.0, 0.0, 6.0, 0.15, 0.4
     ),
     "leg of 40 m at 4 m/s, stop and hold": Scenario(
-        Task(LEG, 40.0, 4.0, 0.0), (0.0, 2.0, 0.0), 45.0, 25.0, 0.0, 20.0, 0.15, 0.4
+        Task(LEG, 40.0, 4.0, 0.0), (0.0, 2.0, 0.0), 45.0, 25.0, 0.0, 16.0, 0.15, 0.4
     ),
 }
 

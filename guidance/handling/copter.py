@@ -6,9 +6,11 @@ What binds each number:
   not shape a velocity in OFFBOARD; MPC_ACC_HOR says all the same what the vehicle is meant to do. ArduPilot
   flies vertical velocities beyond WPNAV_SPEED_UP and _DN in GUIDED; they are kept here;
 - how a velocity is answered follows of the loops' gains (`response`);
+- of a velocity that is short, so much is asked for on top that gusts move PX4's copter half as far, and that
+  200 ms of delay nobody knows of do not make it swing; ArduPilot's, which holds its own path, needs less;
 - lambda k times what is left of the delay stays well below a half;
-- an approach of v brakes by up to 0.33 lambda k v in the bounded field: half of the acceleration goes to that,
-  the rest to the reference;
+- an approach of v brakes by up to 0.33 lambda k v in the bounded field: half of the acceleration goes to
+  that, the rest to the reference;
 - the nose is turned softly: where it points does not matter to the path.
 """
 
@@ -31,12 +33,15 @@ BOUNDED_BRAKING: Final = 0.325
 #: Yaw is slewed at this at most (rad/s^2): about half of what both autopilots showed.
 YAW_SLEW_RAD_S2: Final = 1.5
 YAW_RATE_RAD_S: Final = 1.5
+#: What is asked for on top of a velocity that is short is at most this.
+MISSING_MAX_M_S: Final = 1.0
 #: A clock that waits as long as the vehicle is behind, as that of rovers.
 WAITING: Final = waiting.Parameters(slowest=0.5, fastest=1.15, per_m=1.0, falls_per_s=1.0, rises_per_s=0.3)
 
 
 class Configured(NamedTuple):
-    """What the configuration allows; inf leaves it to the autopilot. `follows`: the nose goes along the field."""
+    """What the configuration allows; inf leaves it to the autopilot. `follows`: the nose goes along the
+    field."""
 
     speed_max_m_s: float = inf
     up_max_m_s: float = inf
@@ -46,6 +51,10 @@ class Configured(NamedTuple):
     yaw_rate_rad_s: float = YAW_RATE_RAD_S
     follows: bool = True
     waits: bool = False
+
+
+#: All that the autopilot allows.
+UNBOUNDED: Final = Configured()
 
 
 class Px4(NamedTuple):
@@ -78,8 +87,9 @@ class ArduPilot(NamedTuple):
     PSC_JERK_Z: float = 5.0
 
 
-def px4(autopilot: Px4, configured: Configured) -> velocity.Parameters:
-    """The default of the profile `px4-copter`. The caller has checked the parameters: all > 0, D and I >= 0."""
+def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Parameters:
+    """The default of the profile `px4-copter`. The caller has checked the parameters: all > 0, D and I >=
+    0."""
     a = autopilot
     p, i, d = a.MPC_XY_VEL_P_ACC, a.MPC_XY_VEL_I_ACC, a.MPC_XY_VEL_D_ACC
     pz, iz, dz = a.MPC_Z_VEL_P_ACC, a.MPC_Z_VEL_I_ACC, a.MPC_Z_VEL_D_ACC
@@ -98,12 +108,14 @@ def px4(autopilot: Px4, configured: Configured) -> velocity.Parameters:
             response.Axis((1.0 + dz) / pz, 1.0 / pz, pz / iz if iz > 0.0 else 0.0),
             per_s=0.3,
             drag_max_per_s=2.0,
+            kp=1.0,
+            bound_m_s=MISSING_MAX_M_S,
         ),
         drag_per_s=0.5,
     )
 
 
-def ardupilot(autopilot: ArduPilot, configured: Configured) -> velocity.Parameters:
+def ardupilot(autopilot: ArduPilot, configured: Configured = UNBOUNDED) -> velocity.Parameters:
     """The default of the profile `ardupilot-copter`. The caller has checked the parameters: all > 0."""
     a = autopilot
     level, vertical = 0.01 * a.WPNAV_ACCEL, 0.01 * a.WPNAV_ACCEL_Z
@@ -117,6 +129,8 @@ def ardupilot(autopilot: ArduPilot, configured: Configured) -> velocity.Paramete
             response.Axis(vertical / a.PSC_JERK_Z, 0.0, 0.0),
             per_s=0.0,
             drag_max_per_s=0.0,
+            kp=0.6,
+            bound_m_s=MISSING_MAX_M_S,
         ),
         drag_per_s=0.0,
     )

@@ -10,7 +10,8 @@ autopilot's integral holds by then, steady wind among it. ArduPilot leads its ve
 to what is missing, q = a/rate, and its loops do the rest: the same with c = 0 and nothing washed out.
 
 All but c is a parameter of the autopilot. c differs by airframe and is learned: with too little of it the
-vehicle falls short along what is asked for in its name.
+vehicle falls short along what is asked for in its name. What is short all the same, in gusts that the
+autopilot is slow to hold against, is asked for on top in proportion.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ SLOWEST_M_S: Final = 0.7
 
 
 class Axis(NamedTuple):
-    """`lag_s` is (1 + D)/P or 1/rate, `drag_s` 1/P (0: the drag is not asked for), `washout_s` P/I (0: none)."""
+    """`lag_s` is (1 + D)/P or 1/rate, `drag_s` 1/P (0: the drag is not asked for), `washout_s` P/I (0:
+    none)."""
 
     lag_s: float
     drag_s: float
@@ -33,12 +35,17 @@ class Axis(NamedTuple):
 
 
 class Parameters(NamedTuple):
-    """Of c: `per_s` is how fast it is learned (0: not at all), within [0, `drag_max_per_s`]."""
+    """Of c: `per_s` is how fast it is learned (0: not at all), within [0, `drag_max_per_s`].
+
+    `kp` (without unit) is of what is short, bounded to +-`bound_m_s` an axis.
+    """
 
     level: Axis
     vertical: Axis
     per_s: float
     drag_max_per_s: float
+    kp: float
+    bound_m_s: float
 
 
 class Memory(NamedTuple):
@@ -61,7 +68,8 @@ def response_step(
     short: Vec3,
     dt: float,
 ) -> tuple[Memory, Vec3]:
-    """What to ask for so that `velocity` is flown and changes by `acceleration`, `dt` s (> 0) after the step before.
+    """What to ask for so that `velocity` is flown and changes by `acceleration`, `dt` s (> 0) after the step
+    before.
 
     `short` is by how much the measured velocity was below the wanted one, or zero where that teaches nothing:
     while limits are active. World NED.
@@ -79,8 +87,11 @@ def response_step(
     stood = Vec3(
         stood.x + part * (x.x - stood.x), stood.y + part * (x.y - stood.y), stood.z + part_z * (x.z - stood.z)
     )
+    bound = p.bound_m_s
     asked = Vec3(
-        velocity.x + x.x - stood.x, velocity.y + x.y - stood.y, velocity.z + x.z - stood.z
+        velocity.x + x.x - stood.x + clamp(p.kp * short.x, -bound, bound),
+        velocity.y + x.y - stood.y + clamp(p.kp * short.y, -bound, bound),
+        velocity.z + x.z - stood.z + clamp(p.kp * short.z, -bound, bound),
     )
     if p.per_s > 0.0 and level.drag_s > 0.0:
         # what a unit of c asks for, but for what is washed out

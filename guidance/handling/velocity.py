@@ -1,10 +1,10 @@
 """Vehicles that take a velocity and a yaw rate: multirotors.
 
-For them the desired field Xr is the velocity to fly, wherever the nose points. One step, in order: the smoothed
-position, the clock of the reference, the field and its rate of change, what limits leave of both, the velocity
-to ask for so that this one is flown (`response`), and the heading: along the field by the law's turn, with a
-rate and a slew, or held. A slow field has no direction: then the heading stays as it was. Pose and reference
-are those of the instant at which the setpoint acts.
+For them the desired field Xr is the velocity to fly, wherever the nose points. One step, in order: the
+smoothed position, the clock of the reference, the field and its rate of change, what limits leave of both,
+the velocity to ask for so that this one is flown (`response`), and the heading: along the field by the law's
+turn, with a rate and a slew, or held. A slow field has no direction: then the heading stays as it was. Pose
+and reference are those of the instant at which the setpoint acts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,20 @@ from guidance.error_function import ErrorFunction, derivatives, times
 from guidance.handling import response, smoothing, stuck, waiting
 from guidance.law import Evaluation, field_of
 from guidance.limits import Controls, Limits, clamp, limited_rates
-from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, body_axes, dot, from_yaw, norm, rotate, subtract, yaw_of
+from guidance.se3 import (
+    ZERO,
+    Pose,
+    Reference,
+    Twist,
+    Vec3,
+    body_axes,
+    dot,
+    from_yaw,
+    norm,
+    rotate,
+    subtract,
+    yaw_of,
+)
 
 
 class Parameters(NamedTuple):
@@ -44,7 +57,8 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """`wanted_ned_m_s` and `yaw_rate_rad_s` are those of the step before, `heading_rad` the one that is sought."""
+    """`wanted_ned_m_s` and `yaw_rate_rad_s` are those of the step before, `heading_rad` the one that is
+    sought."""
 
     started: bool
     wanted_ned_m_s: Vec3
@@ -187,7 +201,8 @@ def _limited(p: Parameters, Xr: Vec3, before: Vec3, dt: float) -> Vec3:
 
 
 def _shortened(v: Vec3, level: float, up: float, down: float) -> Vec3:
-    """`v` with its level part no longer than `level`, in its direction, and the vertical within [-up, down]."""
+    """`v` with its level part no longer than `level`, in its direction, and the vertical within [-up,
+    down]."""
     length = hypot(v.x, v.y)
     part = level / length if length > level else 1.0
     return Vec3(part * v.x, part * v.y, clamp(v.z, -up, down))
@@ -196,7 +211,8 @@ def _shortened(v: Vec3, level: float, up: float, down: float) -> Vec3:
 def _nose(
     p: Parameters, memory: Memory, yaw: float, Xr: Vec3, change: Vec3, dt: float
 ) -> tuple[Vec3, float, float, float]:
-    """The field in the axes of the heading, the heading that is sought, the turn to it and what limits leave."""
+    """The field in the axes of the heading, the heading that is sought, the turn to it and what limits
+    leave."""
     b1, b2, b3 = body_axes(from_yaw(yaw))
     beta = p.gains.beta
     y = Vec3(beta * dot(b1, Xr), beta * dot(b2, Xr), beta * dot(b3, Xr))

@@ -1,6 +1,7 @@
 """A multirotor behind an autopilot that is told a velocity and a yaw rate, or body rates and thrust.
 
-World NED, body FRD. A command acts `delay_s` after it was given; what was given meanwhile queues in the state.
+World NED, body FRD. A command acts `delay_s` after it was given; what was given meanwhile queues in the
+state.
 
 **Velocity and yaw rate.** Level and vertical have loops of their own (`Loop`), in this order:
 
@@ -8,15 +9,16 @@ World NED, body FRD. A command acts `delay_s` after it was given; what was given
   jerk, as ArduPilot shapes it; an acceleration of 0 leads to nothing, and PX4 takes the velocity as it is;
 - PID on the velocity, with the led acceleration fed forward; `position_per_s` adds a loop on the way that the
   led velocity has gone, as ArduPilot's. The integral rests while the tilt or the thrust is at its end;
-- the acceleration that this asks for follows with two lags of `lag_s`: that of the attitude, or of the rotors.
+- the acceleration that this asks for follows like a mass on a spring, with a natural frequency and a damping:
+  those of the attitude's loops, or of the rotors.
 
-The rotors push along -z of the body: roll and pitch are those that point the acceleration where it is, and its
-length is the thrust. The yaw rate follows like an airplane's bank, with a gain, two lags and a slew:
+The rotors push along -z of the body: roll and pitch are those that point the acceleration where it is, and
+its length is the thrust. The yaw rate follows like an airplane's bank, with a gain, two lags and a slew:
 
     w' = (limit((gain u - y)/lag, +-slew) - w)/lag2        y' = w
 
 **Body rates and thrust.** The rates follow with `rate_lag_s`, thrust over `hover_thrust` is in g and follows
-with the vertical loop's lag; nothing holds velocity.
+as slowly as in the vertical loop; nothing holds velocity.
 
 The air pulls with `drag_per_s` times the velocity through it: steady wind tilts a copter that stands.
 
@@ -57,7 +59,8 @@ class Parameters(NamedTuple):
     velocity_p: float
     velocity_i: float
     velocity_d: float
-    lag_s: float
+    frequency_rad_s: float
+    damping: float
     tilt_max_rad: float
     down_lead_per_s: float
     down_acceleration_m_s2: float
@@ -66,7 +69,8 @@ class Parameters(NamedTuple):
     down_velocity_p: float
     down_velocity_i: float
     down_velocity_d: float
-    down_lag_s: float
+    down_frequency_rad_s: float
+    down_damping: float
     drag_per_s: float
     yaw_gain: float
     yaw_slew_rad_s2: float
@@ -82,9 +86,11 @@ POSITIVE: Final = frozenset(
         "speed_max_m_s",
         "up_max_m_s",
         "down_max_m_s",
-        "lag_s",
+        "frequency_rad_s",
+        "damping",
         "tilt_max_rad",
-        "down_lag_s",
+        "down_frequency_rad_s",
+        "down_damping",
         "yaw_gain",
         "yaw_slew_rad_s2",
         "yaw_lag_s",
@@ -99,8 +105,8 @@ SIGNED: Final[frozenset[str]] = frozenset()
 class Command(NamedTuple):
     """What the autopilot is told, and from when on (s, the state's clock) it acts on it.
 
-    Velocity NED (m/s) and yaw rate (rad/s, `turn`); or, with `by_rates`, body rates (rad/s) and thrust (0 to 1,
-    `turn`).
+    Velocity NED (m/s) and yaw rate (rad/s, `turn`); or, with `by_rates`, body rates (rad/s) and thrust (0 to
+    1, `turn`).
     """
 
     acts_s: float
@@ -113,19 +119,19 @@ class Command(NamedTuple):
 
 class Loop(NamedTuple):
     """One axis of the autopilot: the led velocity (m/s) and its rate, how far it is ahead (m), the integral
-    (m/s^2), the acceleration (m/s^2, without drag) between its two lags and after them."""
+    (m/s^2), the acceleration that is given (m/s^2, without drag) and its rate (m/s^3)."""
 
     led_m_s: float
     led_m_s2: float
     gap_m: float
     integral_m_s2: float
-    halfway_m_s2: float
     given_m_s2: float
+    given_m_s3: float
 
 
 class State(NamedTuple):
-    """Position, velocity over ground, attitude (body to world) and body rates; the loops north, east and down;
-    yaw rate and its rate. `queue` holds the last commands, oldest first."""
+    """Position, velocity over ground, attitude (body to world) and body rates; the loops north, east and
+    down; yaw rate and its rate. `queue` holds the last commands, oldest first."""
 
     time_s: float
     position_ned_m: Triple
@@ -140,9 +146,7 @@ class State(NamedTuple):
     queue: tuple[Command, ...]
 
 
-def hovering(
-    parameters: Parameters, position_ned_m: Triple, heading_rad: float, wind: Wind
-) -> State:
+def hovering(parameters: Parameters, position_ned_m: Triple, heading_rad: float, wind: Wind) -> State:
     """Standing there in this wind, as after a while."""
     c = parameters.drag_per_s
     north, east, down = (
@@ -167,17 +171,13 @@ def hovering(
     )
 
 
-def told(
-    parameters: Parameters, state: State, velocity_ned_m_s: Triple, yaw_rate_rad_s: float
-) -> State:
+def told(parameters: Parameters, state: State, velocity_ned_m_s: Triple, yaw_rate_rad_s: float) -> State:
     """The state with one more velocity (m/s) and yaw rate (rad/s, to the right) under way; all finite."""
     x, y, z = velocity_ned_m_s
     return _queued(state, Command(state.time_s + parameters.delay_s, False, x, y, z, yaw_rate_rad_s))
 
 
-def told_rates(
-    parameters: Parameters, state: State, body_rates_frd_rad_s: Triple, thrust: float
-) -> State:
+def told_rates(parameters: Parameters, state: State, body_rates_frd_rad_s: Triple, thrust: float) -> State:
     """The state with body rates (FRD, rad/s) and collective thrust (0 to 1) under way; all finite."""
     p, q, r = body_rates_frd_rad_s
     return _queued(state, Command(state.time_s + parameters.delay_s, True, p, q, r, thrust))
@@ -256,14 +256,14 @@ def _by_velocity(p: Parameters, state: State, command: Command, wind: Wind, dt: 
     a_d = d_m_s2 + kp * miss_d + down.integral_m_s2 + kd * (d_m_s2 - down.given_m_s2 + r_d)
 
     part = _part(a_n, a_e, GRAVITY_M_S2 * tan(p.tilt_max_rad))
-    held_d = _clamp(
-        a_d, GRAVITY_M_S2 * (1.0 - 1.0 / p.hover_thrust), GRAVITY_M_S2 * (1.0 - LEAST_THRUST)
-    )
+    held_d = _clamp(a_d, GRAVITY_M_S2 * (1.0 - 1.0 / p.hover_thrust), GRAVITY_M_S2 * (1.0 - LEAST_THRUST))
     gain = p.velocity_i * dt if part == 1.0 else 0.0
     gain_d = p.down_velocity_i * dt if held_d == a_d else 0.0
-    north = _answered(north, n_m_s, n_m_s2, g_n, gain * miss_n, part * a_n, p.lag_s, dt)
-    east = _answered(east, e_m_s, e_m_s2, g_e, gain * miss_e, part * a_e, p.lag_s, dt)
-    down = _answered(down, d_m_s, d_m_s2, g_d, gain_d * miss_d, held_d, p.down_lag_s, dt)
+    north = _answered(north, n_m_s, n_m_s2, g_n, gain * miss_n, part * a_n, p.frequency_rad_s, p.damping, dt)
+    east = _answered(east, e_m_s, e_m_s2, g_e, gain * miss_e, part * a_e, p.frequency_rad_s, p.damping, dt)
+    down = _answered(
+        down, d_m_s, d_m_s2, g_d, gain_d * miss_d, held_d, p.down_frequency_rad_s, p.down_damping, dt
+    )
 
     y, w = state.yaw_rate_rad_s, state.yaw_rate_rad_s2
     wanted = _clamp((p.yaw_gain * command.turn - y) / p.yaw_lag_s, -p.yaw_slew_rad_s2, p.yaw_slew_rad_s2)
@@ -289,7 +289,7 @@ def _by_rates(p: Parameters, state: State, command: Command, wind: Wind, dt: flo
 
     wanted = _clamp(command.turn, 0.0, 1.0) / p.hover_thrust * GRAVITY_M_S2
     thrust = thrust_of(p, state) / p.hover_thrust * GRAVITY_M_S2
-    thrust = wanted + (thrust - wanted) * exp(-dt / p.down_lag_s)
+    thrust = wanted + (thrust - wanted) * exp(-0.5 * dt * p.down_frequency_rad_s / p.down_damping)
     w, x, y, z = attitude
     a_n = -thrust * 2.0 * (x * z + w * y)
     a_e = -thrust * 2.0 * (y * z - w * x)
@@ -297,9 +297,9 @@ def _by_rates(p: Parameters, state: State, command: Command, wind: Wind, dt: flo
     v_n, v_e, v_d = state.velocity_ned_m_s
     # a velocity that is asked for next begins where it is
     north, east, down = (
-        Loop(v_n, 0.0, 0.0, 0.0, a_n, a_n),
-        Loop(v_e, 0.0, 0.0, 0.0, a_e, a_e),
-        Loop(v_d, 0.0, 0.0, 0.0, a_d, a_d),
+        Loop(v_n, 0.0, 0.0, 0.0, a_n, 0.0),
+        Loop(v_e, 0.0, 0.0, 0.0, a_e, 0.0),
+        Loop(v_d, 0.0, 0.0, 0.0, a_d, 0.0),
     )
     return _moved(p, state, wind, dt, north, east, down, attitude, rates, rates[2], 0.0)
 
@@ -358,7 +358,7 @@ def _queued(state: State, command: Command) -> State:
 
 def _held(acceleration_m_s2: float) -> Loop:
     """Led to rest, and this acceleration held by the integral."""
-    return Loop(0.0, 0.0, 0.0, acceleration_m_s2, acceleration_m_s2, acceleration_m_s2)
+    return Loop(0.0, 0.0, 0.0, acceleration_m_s2, acceleration_m_s2, 0.0)
 
 
 def _ahead(loop: Loop, led_m_s: float, v: float, dt: float) -> float:
@@ -372,13 +372,17 @@ def _answered(
     gap_m: float,
     learned_m_s2: float,
     asked_m_s2: float,
-    lag_s: float,
+    frequency_rad_s: float,
+    damping: float,
     dt: float,
 ) -> Loop:
-    keep = exp(-dt / lag_s)
-    halfway = asked_m_s2 + keep * (loop.halfway_m_s2 - asked_m_s2)
-    given = halfway + keep * (loop.given_m_s2 - halfway)
-    return Loop(led_m_s, led_m_s2, gap_m, loop.integral_m_s2 + learned_m_s2, halfway, given)
+    w = frequency_rad_s
+    rate = (
+        loop.given_m_s3 + (w * w * (asked_m_s2 - loop.given_m_s2) - 2.0 * damping * w * loop.given_m_s3) * dt
+    )
+    return Loop(
+        led_m_s, led_m_s2, gap_m, loop.integral_m_s2 + learned_m_s2, loop.given_m_s2 + rate * dt, rate
+    )
 
 
 def _tilted(a_n: float, a_e: float, a_d: float, heading_rad: float) -> Wxyz:

@@ -11,7 +11,7 @@ from typing import Final, TypeVar
 from sitl.models import airplane, copter, rover
 
 #: Models that come with the package: those that drive, airplanes, and copters.
-ROVERS: Final = ("rover", "rover_px4", "boat")
+ROVERS: Final = ("rover", "boat", "rover_px4")
 AIRPLANES: Final = ("airplane_12", "airplane_20")
 COPTERS: Final = ("copter_px4", "copter_ardupilot")
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +79,7 @@ def test_the_air_is_learned(drag_per_s: float) -> None:
     assert found.rms_m < 0.08
 
 
-def blind(copter: Copter, **changes: object) -> Copter:
+def blind(copter: Copter, **changes: Any) -> Copter:
     guide = copter.guide
     return copter._replace(guide=guide._replace(response=guide.response._replace(**changes)))
 
@@ -101,14 +103,14 @@ def test_each_part_of_the_answer_is_needed() -> None:
 
 
 @pytest.mark.parametrize("make", [copter_px4, copter_ardupilot])
-def test_with_its_heading_held_it_flies_the_same_path(make: type) -> None:
+def test_with_its_heading_held_it_flies_the_same_path(make: Callable[[Configured], Copter]) -> None:
     found_held = flown(make(Configured(follows=False)), TABLE[CIRCLE_TASK], 3, compiled(fly))
     assert figures(found_held, 20.0).rms_m < 0.1
     assert figures(found_held, 20.0).nose_off_rad < 0.1
 
 
 @pytest.mark.parametrize("make", [copter_px4, copter_ardupilot])
-def test_what_the_configuration_forbids_is_not_flown(make: type) -> None:
+def test_what_the_configuration_forbids_is_not_flown(make: Callable[[Configured], Copter]) -> None:
     slow = make(Configured(speed_max_m_s=1.5, acceleration_m_s2=0.5))
     speed = flown(slow, TABLE[CIRCLE_TASK], 1, compiled(fly))[:, COLUMNS.index("speed_m_s")]
     # what PX4 makes of it overshoots by what it is short of before

@@ -40,8 +40,7 @@ WAITING: Final = waiting.Parameters(slowest=0.5, fastest=1.15, per_m=1.0, falls_
 
 
 class Configured(NamedTuple):
-    """What the configuration allows; inf leaves it to the autopilot. `follows`: the nose goes along the
-    field."""
+    """What the configuration allows; inf: what the autopilot does. `follows`: the nose follows the field."""
 
     speed_max_m_s: float = inf
     up_max_m_s: float = inf
@@ -88,8 +87,7 @@ class ArduPilot(NamedTuple):
 
 
 def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Parameters:
-    """The default of the profile `px4-copter`. The caller has checked the parameters: all > 0, D and I >=
-    0."""
+    """The default of the profile `px4-copter`. The caller has checked the parameters: all > 0, D, I >= 0."""
     a = autopilot
     p, i, d = a.MPC_XY_VEL_P_ACC, a.MPC_XY_VEL_I_ACC, a.MPC_XY_VEL_D_ACC
     pz, iz, dz = a.MPC_Z_VEL_P_ACC, a.MPC_Z_VEL_I_ACC, a.MPC_Z_VEL_D_ACC

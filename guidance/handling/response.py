@@ -26,8 +26,7 @@ SLOWEST_M_S: Final = 0.7
 
 
 class Axis(NamedTuple):
-    """`lag_s` is (1 + D)/P or 1/rate, `drag_s` 1/P (0: the drag is not asked for), `washout_s` P/I (0:
-    none)."""
+    """`lag_s` is (1 + D)/P or 1/rate, `drag_s` 1/P (0: c plays no part), `washout_s` P/I (0: none)."""
 
     lag_s: float
     drag_s: float
@@ -68,8 +67,7 @@ def response_step(
     short: Vec3,
     dt: float,
 ) -> tuple[Memory, Vec3]:
-    """What to ask for so that `velocity` is flown and changes by `acceleration`, `dt` s (> 0) after the step
-    before.
+    """What to ask for so that `velocity` is flown and changes by `acceleration`; `dt` s (> 0) after the last.
 
     `short` is by how much the measured velocity was below the wanted one, or zero where that teaches nothing:
     while limits are active. World NED.

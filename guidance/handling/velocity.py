@@ -57,8 +57,7 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """`wanted_ned_m_s` and `yaw_rate_rad_s` are those of the step before, `heading_rad` the one that is
-    sought."""
+    """Velocity and yaw rate are what the step before wanted; `heading_rad` is the one that is sought."""
 
     started: bool
     wanted_ned_m_s: Vec3
@@ -201,8 +200,7 @@ def _limited(p: Parameters, Xr: Vec3, before: Vec3, dt: float) -> Vec3:
 
 
 def _shortened(v: Vec3, level: float, up: float, down: float) -> Vec3:
-    """`v` with its level part no longer than `level`, in its direction, and the vertical within [-up,
-    down]."""
+    """`v` with its level part at most `level` long, in its direction, and the vertical within [-up, down]."""
     length = hypot(v.x, v.y)
     part = level / length if length > level else 1.0
     return Vec3(part * v.x, part * v.y, clamp(v.z, -up, down))
@@ -211,8 +209,7 @@ def _shortened(v: Vec3, level: float, up: float, down: float) -> Vec3:
 def _nose(
     p: Parameters, memory: Memory, yaw: float, Xr: Vec3, change: Vec3, dt: float
 ) -> tuple[Vec3, float, float, float]:
-    """The field in the axes of the heading, the heading that is sought, the turn to it and what limits
-    leave."""
+    """The field in the axes of the heading, the heading sought, the turn to it, what limits leave of it."""
     b1, b2, b3 = body_axes(from_yaw(yaw))
     beta = p.gains.beta
     y = Vec3(beta * dot(b1, Xr), beta * dot(b2, Xr), beta * dot(b3, Xr))

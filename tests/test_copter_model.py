@@ -225,6 +225,24 @@ def test_it_never_tilts_further_than_it_may(name: str) -> None:
     assert leans == pytest.approx(GRAVITY_M_S2 * tan(0.15), rel=1e-3)
 
 
+def test_a_tilt_at_its_end_winds_nothing_up() -> None:
+    p = MODELS["copter_px4"]._replace(tilt_max_rad=0.15)
+    asked = told(p, hovering(p, (0.0, 0.0, 0.0), 0.0, CALM), (12.0, 0.0, 0.0), 0.0)
+    assert flown(p, asked, 20.0).north.integral_m_s2 < 0.1
+
+
+@pytest.mark.parametrize("name", COPTERS)
+def test_a_velocity_is_taken_up_from_the_one_that_rates_left(name: str) -> None:
+    p = MODELS[name]
+    state = told_rates(p, hovering(p, (0.0, 0.0, 0.0), 0.0, CALM), (0.0, -0.3, 0.0), p.hover_thrust)
+    state = flown(p, state, 1.5)
+    fast, tilt = state.velocity_ned_m_s[0], state.north.given_m_s2
+    assert fast > 1.0
+    state = flown(p, told(p, state, (fast, 0.0, 0.0), 0.0), p.delay_s + 2 * DT_S)
+    assert state.north.given_m_s2 == pytest.approx(tilt, abs=0.2)
+    assert state.north.led_m_s == pytest.approx(fast, abs=0.3)
+
+
 def test_what_it_may_fly_bounds_what_it_is_asked_for() -> None:
     p = MODELS["copter_px4"]
     state = flown(p, told(p, hovering(p, (0.0, 0.0, 0.0), 0.0, CALM), (0.0, 0.0, 9.0), 0.0), 8.0)

@@ -74,6 +74,18 @@ def test_speeds_and_their_change_are_bounded_and_keep_the_direction() -> None:
         assert after(PLAIN, seen(ZERO), sinking, 2000)[1].velocity_ned_m_s.z == pytest.approx(bound)
 
 
+def test_within_its_acceleration_that_one_is_led_with_and_nothing_is_learned() -> None:
+    fast = Reference(ZERO, Vec3(10.0, 0.0, 0.0), ZERO)
+    memory, demand, found = after(PX4, seen(ZERO), fast, 20)
+    most = PX4.limits.acceleration_m_s2
+    wanted = 20 * DT * most
+    assert found.wanted_ned_m_s.x == pytest.approx(wanted)
+    asked_more = (1.2 * most + 0.5 * wanted) / 1.8
+    assert demand.velocity_ned_m_s.x == pytest.approx(wanted + asked_more, rel=0.1)
+    assert memory.response.drag_per_s == PX4.drag_per_s
+    assert found.law.saturated
+
+
 def test_the_first_step_begins_with_what_the_vehicle_does() -> None:
     cruising = Reference(ZERO, Vec3(5.0, 0.0, 0.0), ZERO)
     demand = after(PLAIN, seen(ZERO, velocity=Vec3(5.0, 0.0, 0.0)), cruising, 1)[1]

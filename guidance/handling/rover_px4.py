@@ -9,7 +9,8 @@ when the setpoint comes, not the one when the wheels answer: PX4 takes the diffe
 - A velocity of zero has the bearing 0: a rover that turns at rest would turn to the north. To stand, it is
   told the least speed along its nose instead.
 - Later versions stop a differential rover that is more than RD_TRANS_DRV_TRN off, and turn it on the spot
-  until it is less than RD_TRANS_TRN_DRV off. It is never asked for a bearing so far off; at rest it turns all the same.
+  until it is less than RD_TRANS_TRN_DRV off. It is never asked for a bearing so far off; at rest it turns
+  all the same.
 - The speed loop is commonly left open (RO_SPEED_P 0.001 and a feed-forward that was 1.37 times too much, as
   measured): that is the speed loop's to learn.
 """

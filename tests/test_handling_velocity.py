@@ -56,9 +56,14 @@ def after(
 def test_what_is_asked_for_is_the_field() -> None:
     moving = Reference(Vec3(1.0, 2.0, -3.0), Vec3(0.5, -0.3, 0.1), ZERO)
     x = Vec3(0.4, 2.5, -3.2)
-    demand = after(PLAIN, seen(x), moving, 200)[1]
-    field = desired_field(PLAIN.gains, x, moving, PLAIN.error_function)
-    assert demand.velocity_ned_m_s == pytest.approx(field.Xr)
+    memory = after(PLAIN, seen(x), moving, 200)[0]
+    for n in range(20):
+        x = Vec3(0.4 + 1e-3 * n, 2.5 - 7e-4 * n, -3.2)
+        memory, demand, found = velocity_step(PLAIN, memory, seen(x), moving, DT)
+        field = desired_field(PLAIN.gains, x, moving, PLAIN.error_function)
+        assert demand.velocity_ned_m_s == pytest.approx(field.Xr)
+        # to the bit: nothing was limited, and is not taken to be
+        assert found.wanted_ned_m_s == field.Xr
 
 
 def test_speeds_and_their_change_are_bounded_and_keep_the_direction() -> None:

@@ -58,6 +58,8 @@ def test_what_stands_is_told_where_it_heads_not_north(heading: float) -> None:
 def test_a_differential_rover_is_not_made_to_turn_on_the_spot_while_it_drives() -> None:
     p = handling(DIFFERENTIAL, DELAY_S)
     most = p.law.limits.yaw_rate_rad_s
+    # the law knows that it gets no more
+    assert most < DIFFERENTIAL.RD_TRANS_DRV_TRN * DIFFERENTIAL.RO_YAW_P
     v = velocity_of(DIFFERENTIAL, Demand(most, 1.0), 0.0)
     assert atan2(v.y, v.x) < DIFFERENTIAL.RD_TRANS_DRV_TRN
     v = velocity_of(DIFFERENTIAL, Demand(100.0, 1.0), 0.0)

@@ -47,17 +47,20 @@ from guidance.handling import (
     airplane_wind,
     crawl,
     ground,
+    response,
     saturation,
     slip,
     smoothing,
     speed_loop,
     stuck,
+    velocity,
     waiting,
 )
-from sitl import airplane_flight, plant
+from sitl import airplane_flight, copter_flight, plant
 from sitl.campaign import draw, flight
 from sitl.models import airplane as airplane_model
-from sitl.models import gusts, rover
+from sitl.models import attitude, gusts, rover
+from sitl.models import copter as copter_model
 
 #: Every module that has text in the machine code.
 MATHS: Final[tuple[ModuleType, ...]] = (
@@ -76,6 +79,8 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     speed_loop,
     stuck,
     ground,
+    response,
+    velocity,
     airplane,
     airplane_bank,
     airplane_clock,
@@ -91,7 +96,10 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     draw,
     airplane_model,
     gusts,
+    attitude,
+    copter_model,
     airplane_flight,
+    copter_flight,
 )
 
 #: Too seldom and too long to be worth a copy at each place that calls them.

@@ -62,6 +62,8 @@ def test_a_sluggish_airframe_is_asked_gently() -> None:
 def test_the_clock_waits_only_where_it_is_asked_to() -> None:
     assert handling(AIRFRAME_20).waiting == waiting.OFF
     assert handling(AIRFRAME_20, waits=True).waiting == patience(20.0, handling(AIRFRAME_20).k_per_s)
+    # one whose field is slow is not chased by its own reference
+    assert patience(45.0, 0.3).per_m * 45.0 == pytest.approx(3.6)
     # what a fast airplane is asked to speed up by, along its reference, is no more than that of a slow one
     for speed in (20.0, 45.0, 90.0):
         assert patience(speed, 0.5).rises_per_s * speed == pytest.approx(8.0)

@@ -74,6 +74,9 @@ def test_the_air_may_begin_to_move_and_gusts_are_those_of_the_seed() -> None:
     winds = [made(gusts_m_s=1.0, seed=seed).advance(START_NS + 5 * SECOND).wind_ned_m_s for seed in (1, 1, 2)]
     assert winds[0] == winds[1] != winds[2]
     assert 0.0 < math.hypot(*winds[0]) < 5.0
+    body = made(gusts_m_s=1.0)
+    blown = [body.advance(START_NS + ms * MS).wind_ned_m_s for ms in (5, 20, 25)]
+    assert blown[0] == blown[1] != blown[2]
 
 
 def test_it_takes_what_an_airplane_takes() -> None:

@@ -268,33 +268,31 @@ class JsbsimAirplane:
 
 
 class _Frame:
-    """A local frame by the ellipsoid's radii: NED metres are true to 0.02 % within 2 km of the origin."""
+    """A local frame by the ellipsoid's radii at the origin: NED metres, true to 0.02 % a kilometre away."""
 
     def __init__(self, place: Place) -> None:
         self._place = place
-        self._latitude_rad = radians(place.latitude_deg)
-        w = sqrt(1.0 - ECCENTRICITY2 * sin(self._latitude_rad) ** 2)
+        latitude = radians(place.latitude_deg)
+        w = sqrt(1.0 - ECCENTRICITY2 * sin(latitude) ** 2)
         self._north_m = EQUATOR_M * (1.0 - ECCENTRICITY2) / w**3 + place.altitude_m
-        self._radius_m = EQUATOR_M / w + place.altitude_m
+        self._east_m = (EQUATOR_M / w + place.altitude_m) * cos(latitude)
 
     def ned(self, latitude_rad: float, longitude_rad: float, altitude_m: float) -> tuple[float, float, float]:
         """NED (m) of this geodetic place."""
-        middle = 0.5 * (latitude_rad + self._latitude_rad)
         turn = (longitude_rad - radians(self._place.longitude_deg) + pi) % tau - pi
         return (
-            (latitude_rad - self._latitude_rad) * self._north_m,
-            turn * self._radius_m * cos(middle),
+            (latitude_rad - radians(self._place.latitude_deg)) * self._north_m,
+            turn * self._east_m,
             self._place.altitude_m - altitude_m,
         )
 
     def geodetic(self, position_ned_m: tuple[float, float, float]) -> tuple[float, float, float]:
         """Latitude, longitude (deg) and altitude (m) of this NED position."""
         north, east, down = position_ned_m
-        latitude = self._latitude_rad + north / self._north_m
-        turn = east / (self._radius_m * cos(0.5 * (latitude + self._latitude_rad)))
+        longitude_deg = self._place.longitude_deg + degrees(east / self._east_m)
         return (
-            degrees(latitude),
-            (self._place.longitude_deg + degrees(turn) + 180.0) % 360.0 - 180.0,
+            self._place.latitude_deg + degrees(north / self._north_m),
+            (longitude_deg + 180.0) % 360.0 - 180.0,
             self._place.altitude_m - down,
         )
 

@@ -93,9 +93,9 @@ def jsbsim_scenarios(speed_m_s: float) -> dict[str, Scenario]:
         # an eight's tightest turn is an eighth of its length
         "lemniscate, +-10 m": Task(EIGHT, 8.0 * radius_m, speed_m_s, 10.0),
     }
-    calm = {n: Scenario(t, NEAR, 100.0, False, 0.0, True, 60.0, 1.5, inf) for n, t in tasks.items()}
+    calm = {n: Scenario(t, NEAR, 80.0, False, 0.0, True, 60.0, 1.5, inf) for n, t in tasks.items()}
     windy = {
-        f"{n}, 5 m/s wind estimated": Scenario(t, NEAR, 140.0, True, 5.0, False, inf, 2.0, inf)
+        f"{n}, 5 m/s wind estimated": Scenario(t, NEAR, 90.0, True, 5.0, False, inf, 2.0, inf)
         for n, t in tasks.items()
         if t.kind != HELIX  # a Cub has no climb to spare against the wind
     }

@@ -37,7 +37,7 @@ def test_every_task_is_flown_within_its_limits(aircraft: str, name: str) -> None
 @pytest.mark.parametrize("aircraft", JSBSIM)
 def test_numbers_that_are_off_by_a_third_do_little(aircraft: str) -> None:
     frame = AIRFRAMES[aircraft]
-    asked = scenario(aircraft, "lemniscate, +-10 m")._replace(duration_s=70.0)
+    asked = scenario(aircraft, "lemniscate, +-10 m")._replace(duration_s=50.0)
     for climb, throttle in ((0.67, 1.15), (1.33, 0.85)):
         wrong = frame._replace(
             climb_full_m_s=climb * frame.climb_full_m_s, throttle_cruise=throttle * frame.throttle_cruise

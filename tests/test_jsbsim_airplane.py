@@ -77,6 +77,13 @@ def test_bank_and_pitch_follow_what_is_told(aircraft: str) -> None:
     assert states[-1].velocity_down_m_s < -0.5
 
 
+def test_a_climbing_turn_keeps_its_bank() -> None:
+    """The turn rolls a nose that points up out of the bank."""
+    body = made("c172p")
+    body.tell(radians(30.0), 0.2, 1.0)
+    assert degrees(flown(body, 8.0)[-1].roll_rad) == pytest.approx(30.0, abs=0.3)
+
+
 @EACH
 def test_body_rates_are_held_too_and_limits_are_its_own(aircraft: str) -> None:
     body = made(aircraft)

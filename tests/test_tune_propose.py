@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 from rich.console import Console
+from sitl.scenarios.ground import Setting, fly
+from sitl.scenarios.tasks import ROVER
 
 from guidance.config import load
 from guidance.flying.ground import ground_parameters
@@ -22,8 +24,6 @@ from guidance.tune.identify import Identified, Refused, identified
 from guidance.tune.propose import Known, Line, Results, airplane_lines, copter_lines, ground_lines, toml
 from guidance.tune.report import as_json, show
 from sitl.models.files import load_rover
-from sitl.scenarios.ground import Setting, fly
-from sitl.scenarios.tasks import ROVER
 from tests.steps_flown import driven
 from tests.test_tune_identify import GROUND
 

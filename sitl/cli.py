@@ -20,7 +20,7 @@ from sitl.faults.command import faults
 from sitl.fuzzing.command import fuzz
 from sitl.plant import PlantParameters
 from sitl.shell import ShellOptions, run
-from sitl.vehicle import Firmware, Origin, VehicleOptions
+from sitl.vehicle import Firmware, Noise, Origin, VehicleOptions
 
 app = typer.Typer(
     name="sitl",
@@ -127,8 +127,7 @@ def vehicle(
             clock_drift_ppm=clock_drift_ppm,
             unix_at_zero_ns=time.time_ns(),
             estimator_ready_s=estimator_ready,
-            position_noise_m=position_noise,
-            attitude_noise_rad=attitude_noise,
+            noise=Noise(position_m=position_noise, attitude_rad=attitude_noise),
             seed=seed,
             signing_key=b"" if signing_key is None else _key(signing_key),
         )

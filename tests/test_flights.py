@@ -12,6 +12,7 @@ from guidance.records import Event, Level, Setpoint, Timing
 from guidance.se3 import Vec3, add, norm, subtract
 from guidance.trajectory import sample
 from sitl.lockstep import Channel, Lockstep
+from sitl.vehicle import Noise
 from tests.helpers import ROVER, fly_until_tracking, make_flight, records_of, setpoints_since
 from tests.sent_setpoints import asked, float32, ranges, sent_setpoints, within
 
@@ -121,7 +122,7 @@ def test_a_vehicle_clock_that_drifts_as_a_simulators_does_costs_nothing() -> Non
 
 
 def test_measurement_noise_is_not_amplified() -> None:
-    flight = make_flight(position_noise_m=0.02, attitude_noise_rad=0.002, seed=5)
+    flight = make_flight(noise=Noise(position_m=0.02, attitude_rad=0.002), seed=5)
     fly_until_tracking(flight)
     flight.run(20.0)
     errors = []
@@ -134,7 +135,7 @@ def test_measurement_noise_is_not_amplified() -> None:
 def test_two_runs_with_one_seed_are_identical_to_the_bit() -> None:
     runs = []
     for _ in range(2):
-        flight = make_flight(to_guide=DIRTY, to_vehicle=DIRTY, seed=7, position_noise_m=0.01)
+        flight = make_flight(to_guide=DIRTY, to_vehicle=DIRTY, seed=7, noise=Noise(position_m=0.01))
         flight.run(8.0)
         runs.append([msgspec.json.encode(record) for record in flight.records])
     assert len(runs[0]) > 1000

@@ -14,6 +14,7 @@ from guidance.records import Event, Packet, Setpoint
 from guidance.records import State as StateRecord
 from guidance.supervisor import State
 from sitl.lockstep import Channel, Lockstep
+from sitl.vehicle import Noise
 from tests.helpers import ROVER, events_of, fly_until_tracking, make_flight, records_of, state_of
 from tests.test_flights import error_m, fly
 
@@ -206,7 +207,7 @@ def test_a_reset_in_flight_is_found_by_the_next_sample(
 def test_loss_jitter_and_noise_are_no_reset(seed: int) -> None:
     """30 % of loss, 100 ms of jitter (samples overtake each other), repetition, and a noisy estimator."""
     channel = Channel(delay_s=0.01, jitter_s=0.1, loss=0.3, duplication=0.1)
-    flight = make_flight(to_guide=channel, seed=seed, position_noise_m=0.03, attitude_noise_rad=0.005)
+    flight = make_flight(to_guide=channel, seed=seed, noise=Noise(position_m=0.03, attitude_rad=0.005))
     flight.run(40.0)
     assert events_of(flight, "estimator_reset") == []
     assert records_of(flight, StateRecord)[-1].resets == 0

@@ -15,9 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from sitl.plant import PlantState, attitude_from_euler
-from sitl.vehicle import Firmware, Origin, Vehicle, VehicleOptions
+from sitl.plant import attitude_from_euler
+from sitl.vehicle import Firmware, Noise, Origin, Vehicle, VehicleOptions
 from sitl.vehicle import telemetry as common
+from sitl.vehicle.body import BodyState
 from sitl.vehicle.clock import BootClock
 from sitl.vehicle.projection import azimuthal_equidistant
 from sitl.vehicle.px4 import Px4
@@ -86,7 +87,7 @@ def test_how_often_advance_is_called_changes_nothing(firmware: Firmware) -> None
     mask = YAW_RATE if firmware is Firmware.ARDUPILOT_ROVER else RATES
 
     def fly(steps_ns: int) -> tuple[list[bytes], Any]:
-        peer = Peer(firmware, position_noise_m=0.1, attitude_noise_rad=0.01, seed=7)
+        peer = Peer(firmware, noise=Noise(position_m=0.1, attitude_rad=0.01), seed=7)
         out: list[bytes] = []
         for index in range(100):
             end_ns = peer.now_ns + 20 * MS + 12_345
@@ -106,7 +107,7 @@ def test_how_often_advance_is_called_changes_nothing(firmware: Firmware) -> None
 
 def test_two_vehicles_with_one_seed_say_the_same_to_the_bit() -> None:
     def noise(seed: int) -> bytes:
-        vehicle = Vehicle(VehicleOptions(position_noise_m=0.1, attitude_noise_rad=0.02, seed=seed))
+        vehicle = Vehicle(VehicleOptions(noise=Noise(position_m=0.1, attitude_rad=0.02), seed=seed))
         return b"".join(vehicle.advance(5 * SECOND))
 
     assert noise(1) == noise(1)
@@ -114,7 +115,7 @@ def test_two_vehicles_with_one_seed_say_the_same_to_the_bit() -> None:
 
 
 def test_noise_has_the_sigma_of_the_options_and_spares_the_truth() -> None:
-    vehicle = Vehicle(VehicleOptions(position_noise_m=0.1, attitude_noise_rad=0.02))
+    vehicle = Vehicle(VehicleOptions(noise=Noise(position_m=0.1, attitude_rad=0.02)))
     heard = decoded(vehicle.advance(100 * SECOND))
     north = [m.x + 10.0 for m in heard if m.get_type() == "LOCAL_POSITION_NED"]
     yaw = [m.yaw for m in heard if m.get_type() == "ATTITUDE"]
@@ -187,8 +188,9 @@ def test_a_stopped_stream_is_silent_and_the_schedule_can_be_empty() -> None:
 
 @pytest.mark.parametrize("key", [None, bytes(range(32))], ids=["unsigned", "signed"])
 def test_quick_packing_gives_the_bytes_of_pymavlink(key: bytes | None) -> None:
-    state = PlantState((1.5, -2.5, 3.0), attitude_from_euler(0.1, -0.2, 3.0), (0.1, -0.2, 0.0), 2.0)
-    sample = Sample(1_234_567_000_000, state, Origin(), None, 0.0, 0.0, azimuthal_equidistant)
+    attitude = attitude_from_euler(0.1, -0.2, 3.0)
+    state = BodyState((1.5, -2.5, 3.0), attitude, (0.1, -0.2, 0.0), (-1.9, 0.3, 0.4), 2.0)
+    sample = Sample(1_234_567_000_000, state, Origin(), azimuthal_equidistant)
     pilot = Px4(VehicleOptions())
     quick = [pilot.builders()[common.ID[name]](sample) for name in QUICK]
     for sequence, (name, message) in enumerate(zip(QUICK, quick, strict=True)):
@@ -287,8 +289,9 @@ def test_nothing_that_arrives_breaks_it(firmware: Firmware, events: list[Any], d
 
 def test_a_clock_of_signatures_that_was_moved_to_its_end_stays_there() -> None:
     """By another holder of the key; 48 bits hold no more."""
-    state = PlantState((0.0, 0.0, 0.0), attitude_from_euler(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
-    sample = Sample(1_000_000, state, Origin(), None, 0.0, 0.0, azimuthal_equidistant)
+    still = (0.0, 0.0, 0.0)
+    state = BodyState(still, attitude_from_euler(0.0, 0.0, 0.0), still, still, 0.0)
+    sample = Sample(1_000_000, state, Origin(), azimuthal_equidistant)
     message = Px4(VehicleOptions()).builders()[common.ID[QUICK[0]]](sample)
     ours = mavlink.MAVLink(None, 1, 1)
     ours.signing.secret_key, ours.signing.sign_outgoing = bytes(32), True

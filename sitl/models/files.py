@@ -31,26 +31,28 @@ def load_airplane(name: str) -> airplane.Parameters:
     return _load(airplane.Parameters, name, airplane.POSITIVE, airplane.SIGNED)
 
 
+def load_model(name: str) -> rover.Parameters | airplane.Parameters:
+    """The parameters of whatever kind of model that name or file holds; a file's keys say of which.
+
+    Raises:
+        ValueError: as `load_rover`.
+    """
+    keys = _table(name).keys()
+    airplanes = len(keys & set(airplane.Parameters._fields))
+    if len(keys & set(rover.Parameters._fields)) > airplanes:
+        return load_rover(name)
+    return load_airplane(name)
+
+
 def _load(kind: type[P], name: str, positive: frozenset[str], signed: frozenset[str]) -> P:
     """Values in `positive` must be above 0, in `signed` may be anything finite, all others not negative."""
-    try:
-        if Path(name).suffix:
-            text = Path(name).read_text(encoding="utf-8")
-        else:
-            text = (files("sitl.models") / f"{name}.toml").read_text(encoding="utf-8")
-    except OSError as error:
-        raise ValueError(
-            f"{name}: {error.strerror}; a model is one of {', '.join((*ROVERS, *AIRPLANES))}, or a TOML file"
-        ) from error
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{name}: {error}") from error
+    table = _table(name)
     fields: tuple[str, ...] = getattr(kind, "_fields")  # noqa: B009
     missing = [field for field in fields if field not in table]
     unknown = [key for key in table if key not in fields]
     if missing or unknown:
         raise ValueError(f"{name}: missing {', '.join(missing) or '-'}; unknown {', '.join(unknown) or '-'}")
+    values: dict[str, float] = {}
     for key, value in table.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{name}: {key} must be a finite number, not {value!r}")
@@ -58,4 +60,22 @@ def _load(kind: type[P], name: str, positive: frozenset[str], signed: frozenset[
             raise ValueError(f"{name}: {key} must be above 0, not {value}")
         if key not in signed and value < 0.0:
             raise ValueError(f"{name}: {key} must not be negative, not {value}")
-    return kind(**{key: float(value) for key, value in table.items()})
+        values[key] = float(value)
+    return kind(**values)
+
+
+def _table(name: str) -> dict[str, object]:
+    try:
+        if Path(name).suffix:
+            text = Path(name).read_text(encoding="utf-8")
+        else:
+            text = (files("sitl.models") / f"{name}.toml").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "no text"
+        raise ValueError(
+            f"{name}: {why}; a model is one of {', '.join((*ROVERS, *AIRPLANES))}, or a TOML file"
+        ) from error
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{name}: {error}") from error

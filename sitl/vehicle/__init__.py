@@ -1,8 +1,10 @@
-"""The built-in vehicle: a sans-IO MAVLink autopilot (PX4 UUV, ArduPilot rover) around the plant."""
+"""The built-in vehicle: a sans-IO MAVLink autopilot (PX4 UUV, ArduPilot rover) around a body."""
 
 from __future__ import annotations
 
+from sitl.vehicle.controls import Effect
+from sitl.vehicle.estimator import USUAL, Noise
 from sitl.vehicle.options import Firmware, Origin, Truth, VehicleOptions
-from sitl.vehicle.vehicle import Effect, Vehicle
+from sitl.vehicle.vehicle import Vehicle
 
-__all__ = ["Effect", "Firmware", "Origin", "Truth", "Vehicle", "VehicleOptions"]
+__all__ = ["USUAL", "Effect", "Firmware", "Noise", "Origin", "Truth", "Vehicle", "VehicleOptions"]

@@ -1,8 +1,8 @@
 """ArduRover's manners: GUIDED takes yaw rate (or heading) and forward speed, and stops after 3 s of silence.
 
 After ArduPilot 4.7.0-dev: `Rover/GCS_MAVLink_Rover.cpp` (setpoints), `Rover/mode_guided.cpp` (time-out),
-`Rover/mode.h` (numbers), and the recorded flight. The answer of the real rover (delay, slew, gain) is left
-to the plant's lags.
+`Rover/mode.h` (numbers), and the recorded flight. The answer of the real rover (delay, slew, gain) is
+that of the body.
 """
 
 from __future__ import annotations
@@ -10,12 +10,16 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar, Final
 
-from sitl.plant import STOP, PlantCommand, PlantState, euler_from_attitude
+from sitl.plant import euler_from_attitude
 from sitl.vehicle.ardupilot_messages import STREAM_GROUPS, STREAM_PARAMETERS, ardupilot_builders
 from sitl.vehicle.autopilot import HANDLERS, Autopilot
+from sitl.vehicle.body import BodyState
 from sitl.vehicle.command import ACCEPTED, ARMED, DENIED, FAILED, UNSUPPORTED, Command
+from sitl.vehicle.controls import Drive
 from sitl.vehicle.parameter_set import INT8, INT16, INT32, Parameter
 from sitl.vehicle.telemetry import ID, Builder
+
+STAND: Final = Drive()
 
 HOLD: Final = 4
 AUTO: Final = 10
@@ -63,6 +67,8 @@ _BODY_FRAMES: Final = frozenset({8, 9})
 class ArduRover(Autopilot):
     """An ArduPilot rover on its first telemetry link."""
 
+    idle: ClassVar = STAND
+    gives: ClassVar = (Drive,)
     parameter_defaults: ClassVar = {
         "ARMING_CHECK": Parameter(1, INT32),
         "ARMING_REQUIRE": Parameter(1, INT8),
@@ -199,9 +205,9 @@ class ArduRover(Autopilot):
         self._target_rate_rad_s = rate_rad_s
         self._target_ns = self.now_ns
 
-    def demand(self, state: PlantState) -> PlantCommand:
+    def demand(self, state: BodyState) -> Drive:
         if self.custom_mode != GUIDED or self._target_ns is None:
-            return STOP
+            return STAND
         rate = self._target_rate_rad_s
         if self._target_heading_rad is not None:
             error = self._target_heading_rad - euler_from_attitude(state.attitude_wxyz)[2]
@@ -210,7 +216,7 @@ class ArduRover(Autopilot):
             limit = math.radians(self.parameters["ATC_STR_RAT_MAX"])
             if limit > 0.0:
                 rate = max(-limit, min(limit, rate))
-        return PlantCommand((0.0, 0.0, rate), self._target_speed_m_s)
+        return Drive(rate, self._target_speed_m_s)
 
     # --- loop, modes, arming --------------------------------------------------------------------------
 

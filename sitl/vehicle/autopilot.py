@@ -8,8 +8,9 @@ from typing import Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sitl.plant import STOP, PlantCommand, PlantState, Triple
+from sitl.plant import Triple
 from sitl.vehicle import telemetry
+from sitl.vehicle.body import BodyState
 from sitl.vehicle.command import (
     ACCEPTED,
     DENIED,
@@ -19,6 +20,7 @@ from sitl.vehicle.command import (
     UNSUPPORTED,
     Command,
 )
+from sitl.vehicle.controls import Control
 from sitl.vehicle.link import Link
 from sitl.vehicle.options import VehicleOptions
 from sitl.vehicle.parameter_set import Parameter, ParameterSet
@@ -55,12 +57,16 @@ HANDLERS: Final[Mapping[str, str]] = {
 
 
 class Autopilot(ABC):
-    """A firmware: it sees messages, its loop's ticks and the estimator, and says what the plant shall do.
+    """A firmware: it sees messages, its loop's ticks and the estimator, and says what the body shall do.
 
     Instants are `boot_ns`, ns since boot of the vehicle's own clock. The firmware's closed loops (attitude,
     heading) see the plant as it is: the noise of the estimate is in the telemetry only.
     """
 
+    idle: ClassVar[Control]
+    """What the actuators get while disarmed."""
+    gives: ClassVar[tuple[type, ...]]
+    """Kinds of `Control` that it gives."""
     parameter_defaults: ClassVar[Mapping[str, Parameter]]
     integers_bytewise: ClassVar[bool]
     batches_datagrams: ClassVar[bool]
@@ -126,8 +132,8 @@ class Autopilot(ABC):
         """One run of the loop at `now_ns`: timeouts, failsafes."""
 
     @abstractmethod
-    def demand(self, state: PlantState) -> PlantCommand:
-        """What the actuators get while armed, from the newest setpoint and the attitude estimate."""
+    def demand(self, state: BodyState) -> Control:
+        """What the body is told while armed, from the newest setpoint and the body as it is."""
 
     @abstractmethod
     def select_mode(self, custom_mode: int) -> int:
@@ -170,9 +176,9 @@ class Autopilot(ABC):
         """Whether position and home exist."""
         return self.now_ns - self._started_ns >= round(self.options.estimator_ready_s * 1e9)
 
-    def command(self, state: PlantState) -> PlantCommand:
-        """The plant's command until the next wake or message; disarmed it stands."""
-        return self.demand(state) if self.armed else STOP
+    def command(self, state: BodyState) -> Control:
+        """What the body is told until the next wake or message."""
+        return self.demand(state) if self.armed else self.idle
 
     def stream(self, message_ids: list[int], sample: Sample) -> None:
         """Send what is due in this loop."""

@@ -6,9 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from sitl.plant import PlantParameters, Triple, Wxyz, attitude_from_euler
+from sitl.vehicle.estimator import SILENT, Noise
+
+#: The model that does at once what it is told.
+IDEAL: Final = "ideal"
 
 
 class Firmware(StrEnum):
@@ -37,11 +41,18 @@ class Truth(NamedTuple):
     speed_m_s: float
     armed: bool
     mode: str
+    velocity_ned_m_s: Triple
+    airspeed_m_s: float
+    wind_ned_m_s: Triple
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleOptions:
     """Everything that can be chosen; the defaults are the paper's start and a plant without lags.
+
+    `model` is the body behind the firmware: "ideal" (made as `plant` says), one of `sitl.models`, or a TOML
+    file; an airplane starts in the air at `initial_speed_m_s` (of the air; 0: on the ground), others at rest.
+    `wind_ned_m_s` is steady, `gusts_m_s` the level sigma of turbulence about it, for airplanes.
 
     `clock_drift_ppm` makes the vehicle's clock fast (positive) or slow against `now_ns`; the plant moves in
     the time of `now_ns`. `clock_offset_ns` is what the boot clock shows when it starts. Until
@@ -58,9 +69,13 @@ class VehicleOptions:
     firmware: Firmware = Firmware.PX4_UUV
     system_id: int = 1
     component_id: int = 1
+    model: str = IDEAL
     plant: PlantParameters = field(default_factory=PlantParameters)
+    wind_ned_m_s: Triple = (0.0, 0.0, 0.0)
+    gusts_m_s: float = 0.0
     initial_position_ned_m: Triple | None = None
     initial_yaw_rad: float = 0.0
+    initial_speed_m_s: float | None = None
     initial_mode: str | None = None
     initially_armed: bool = False
     origin: Origin = field(default_factory=Origin)
@@ -70,8 +85,7 @@ class VehicleOptions:
     clock_drift_ppm: float = 0.0
     unix_at_zero_ns: int = 1_700_000_000_000_000_000
     estimator_ready_s: float = 0.0
-    position_noise_m: float = 0.0
-    attitude_noise_rad: float = 0.0
+    noise: Noise = SILENT
     seed: int = 0
     without_messages: tuple[str, ...] = ()
     refuses_modes: bool = False
@@ -88,13 +102,15 @@ class VehicleOptions:
             "plant.rate_lag_s": self.plant.rate_lag_s,
             "plant.speed_lag_s": self.plant.speed_lag_s,
             "clock_offset_ns": self.clock_offset_ns,
+            "gusts_m_s": self.gusts_m_s,
+            "initial_speed_m_s": self.initial_speed_m_s or 0.0,
             "estimator_ready_s": self.estimator_ready_s,
-            "position_noise_m": self.position_noise_m,
-            "attitude_noise_rad": self.attitude_noise_rad,
+            **{f"noise.{name}": value for name, value in self.noise._asdict().items()},
         }
         positive = {
             "plant.max_rate_rad_s": self.plant.max_rate_rad_s,
             "plant.max_speed_m_s": self.plant.max_speed_m_s,
+            "noise.position_bias_s": self.noise.position_bias_s,
             "speed_at_full_thrust_m_s": self.speed_at_full_thrust_m_s,
         }
         for name, number in not_negative.items():
@@ -107,9 +123,14 @@ class VehicleOptions:
             raise ValueError(f"clock_drift_ppm must be within +-100000, not {self.clock_drift_ppm}")
         if not (abs(self.origin.latitude_deg) < 90.0 and abs(self.origin.longitude_deg) <= 180.0):
             raise ValueError(f"origin must be a latitude and a longitude in degrees, not {self.origin}")
-        finite = (*(self.initial_position_ned_m or ()), self.initial_yaw_rad, self.origin.altitude_m)
+        finite = (
+            *(self.initial_position_ned_m or ()),
+            *self.wind_ned_m_s,
+            self.initial_yaw_rad,
+            self.origin.altitude_m,
+        )
         if not all(map(math.isfinite, finite)):
-            raise ValueError("initial position, yaw and origin must be finite")
+            raise ValueError("initial position, yaw, wind and origin must be finite")
 
     def start_position_ned_m(self) -> Triple:
         """The chosen position; else the paper's x(0) of section 4, on the ground for a rover."""

@@ -1,4 +1,4 @@
-"""The sans-IO vehicle: a plant, a firmware, and a clock that is an argument.
+"""The sans-IO vehicle: a body, a firmware, and a clock that is an argument.
 
 The driver hands in datagrams and the time, and takes datagrams out:
 
@@ -13,19 +13,22 @@ instants of `advance`: how often that is called changes nothing.
 
 from __future__ import annotations
 
-import random
 from collections.abc import Hashable
-from typing import Final, NamedTuple
 
-from sitl.plant import PlantCommand, PlantParameters, PlantState, Triple, step
+from sitl.plant import PlantParameters, Triple
 from sitl.vehicle.ardupilot import ArduRover
 from sitl.vehicle.autopilot import Autopilot
+from sitl.vehicle.bodies.ideal import IdealBody
+from sitl.vehicle.bodies.making import body_of
+from sitl.vehicle.body import Body
 from sitl.vehicle.clock import BootClock
 from sitl.vehicle.command import ACCEPTED
+from sitl.vehicle.controls import WORKING, Effect
+from sitl.vehicle.estimator import RIGHT, Astray, Estimator
 from sitl.vehicle.options import Firmware, Truth, VehicleOptions
 from sitl.vehicle.projection import Projection, azimuthal_equidistant, equirectangular
 from sitl.vehicle.px4 import Px4
-from sitl.vehicle.sample import RIGHT, Astray, Sample
+from sitl.vehicle.sample import Sample
 from sitl.vehicle.telemetry import ID
 
 _PILOTS: dict[Firmware, type[Autopilot]] = {
@@ -37,56 +40,37 @@ _PROJECTIONS: dict[Firmware, Projection] = {
     Firmware.ARDUPILOT_ROVER: equirectangular,
 }
 _MS = 1_000_000
-STILL: Final[Triple] = (0.0, 0.0, 0.0)
-
-
-class Effect(NamedTuple):
-    """The part of what is asked that each actuator still does: 1 works, 0 failed, -1 is wired backwards."""
-
-    roll: float = 1.0
-    pitch: float = 1.0
-    yaw: float = 1.0
-    speed: float = 1.0
-
-    def of(self, command: PlantCommand) -> PlantCommand:
-        """What becomes of a command."""
-        p, q, r = command.body_rates_frd_rad_s
-        return PlantCommand((p * self.roll, q * self.pitch, r * self.yaw), command.speed_m_s * self.speed)
-
-
-WORKING: Final = Effect()
 
 
 class Vehicle:
-    """A MAVLink autopilot around the kinematic plant, booting at `boot_ns`.
+    """A MAVLink autopilot around a body, booting at `boot_ns`.
 
     `now_ns` is any monotonic clock in integer nanoseconds; it must not run backwards (an earlier instant
     counts as the latest one seen).
 
     Raises:
-        ValueError: `options` name an unknown mode or parameter.
+        ValueError: `options` name an unknown mode or parameter, a model that cannot be read or that does not
+            fit the firmware.
     """
 
     def __init__(self, options: VehicleOptions, boot_ns: int = 0) -> None:
-        rover = options.firmware is Firmware.ARDUPILOT_ROVER
         self.options = options
-        self._planar = rover or options.plant.planar
-        self._plant_parameters = options.plant._replace(planar=self._planar)
+        self._planar = options.firmware is Firmware.ARDUPILOT_ROVER or options.plant.planar
         self._effect = WORKING
-        self._current_ned_m_s: Triple = STILL
         self._pilot = _PILOTS[options.firmware](options)
-        noisy = options.position_noise_m > 0.0 or options.attitude_noise_rad > 0.0
-        self._dice = random.Random(options.seed) if noisy else None
-        self._state = PlantState(options.start_position_ned_m(), options.start_attitude_wxyz())
+        self._body = body_of(options, planar=self._planar, start_ns=boot_ns)
+        _check_fit(options, self._pilot, self._body)
+        self._estimator = Estimator(options.noise, options.seed, boot_ns)
+        self._state = self._body.ahead(boot_ns)
         self._state_ns = boot_ns
         self._next_ns = self._next_boot_ns = self._wake_boot_ns = 0
         self._boot(boot_ns, options.clock_offset_ns)
         if options.initially_armed:
             self._pilot.armed = True
-        self._command = self._pilot.command(self._state)
+        self._tell()
 
     def _boot(self, now_ns: int, offset_ns: int) -> None:
-        self._astray = RIGHT
+        self._estimator.astray = RIGHT
         self._clock = BootClock(now_ns, offset_ns, round(self.options.clock_drift_ppm * 1000.0))
         self._pilot.restart(offset_ns)
         self._plan()
@@ -107,7 +91,7 @@ class Vehicle:
         for message in messages:
             self._pilot.receive(message, boot_ns, sample)
         self._pilot.link.end_of_loop()
-        self._command = self._pilot.command(self._state)
+        self._tell()
         if self._pilot.reboot_requested:
             self.reboot(now_ns)
         self._plan()
@@ -130,7 +114,7 @@ class Vehicle:
         self._run_to(now_ns)
         self._integrate(now_ns)
         self._boot(now_ns, 0)
-        self._command = self._pilot.command(self._state)
+        self._tell()
 
     def withhold(self, *names: str) -> None:
         """Send these messages no more, and all others again; asking for them is still accepted."""
@@ -148,27 +132,34 @@ class Vehicle:
         The firmware's closed loops go on seeing the truth.
         """
         self._run_to(max(now_ns, self._state_ns))
-        self._astray = Astray(moved_ned_m, turned_rad, faster_ned_m_s)
+        self._estimator.astray = Astray(moved_ned_m, turned_rad, faster_ned_m_s)
         self._pilot.reset_counter += 1
 
     def refit(
         self, now_ns: int, *, plant: PlantParameters | None = None, effect: Effect | None = None
     ) -> None:
-        """Change the actuators from `now_ns` on: their bounds and lags, or what is left of them."""
+        """Change the actuators from `now_ns` on: the ideal body's bounds and lags, or what is left of them.
+
+        Raises:
+            ValueError: `plant` for another body than the ideal one.
+        """
         now_ns = max(now_ns, self._state_ns)
         self._run_to(now_ns)
         self._integrate(now_ns)
         if plant is not None:
-            self._plant_parameters = plant._replace(planar=self._planar)
+            if not isinstance(self._body, IdealBody):
+                raise ValueError(f"{self.options.model} has the bounds and lags of its file")
+            self._body.refit(plant._replace(planar=self._planar), now_ns)
         if effect is not None:
             self._effect = effect
+        self._tell()
 
     def current(self, now_ns: int, ned_m_s: Triple) -> None:
-        """Let the water or the air carry the vehicle along with this velocity from `now_ns` on."""
+        """Let the water, for an airplane the air, carry the vehicle along so from `now_ns` on."""
         now_ns = max(now_ns, self._state_ns)
         self._run_to(now_ns)
         self._integrate(now_ns)
-        self._current_ned_m_s = ned_m_s
+        self._body.carry(ned_m_s, now_ns)
 
     def choose(self, now_ns: int, custom_mode: int) -> bool:
         """The pilot chooses a mode by the transmitter; whether the firmware enters it."""
@@ -177,7 +168,7 @@ class Vehicle:
         self._integrate(now_ns)
         self._pilot.now_ns = self._clock.at(now_ns)
         chosen = self._pilot.select_mode(custom_mode) == ACCEPTED
-        self._command = self._pilot.command(self._state)
+        self._tell()
         self._plan()
         return chosen
 
@@ -190,7 +181,7 @@ class Vehicle:
     def truth(self, now_ns: int | None = None) -> Truth:
         """The plant at `now_ns` (not before the last instant that did something), or at that last instant."""
         at_ns = self._state_ns if now_ns is None else max(now_ns, self._state_ns)
-        state = self._at(at_ns)
+        state = self._body.ahead(at_ns)
         return Truth(
             at_ns,
             self._clock.at(at_ns) / _MS,
@@ -200,6 +191,9 @@ class Vehicle:
             state.speed_m_s,
             self._pilot.armed,
             self._pilot.mode_name,
+            state.velocity_ned_m_s,
+            state.airspeed_m_s,
+            state.wind_ned_m_s,
         )
 
     @property
@@ -244,7 +238,7 @@ class Vehicle:
             if boot_ns >= self._wake_boot_ns:
                 pilot.wake()
                 self._wake_boot_ns = pilot.next_wake_ns()
-                self._command = pilot.command(self._state)
+                self._tell()
             message_ids = pilot.streams.due(boot_ns // _MS)
             if message_ids:
                 pilot.stream(message_ids, self._sample(boot_ns))
@@ -262,28 +256,28 @@ class Vehicle:
         self._next_ns = max(self._clock.when(boot_ns), self._state_ns)
 
     def _integrate(self, to_ns: int) -> None:
-        self._state = self._at(to_ns)
+        self._state = self._body.advance(to_ns)
         self._state_ns = to_ns
 
-    def _at(self, now_ns: int) -> PlantState:
-        dt_s = (now_ns - self._state_ns) * 1e-9
-        command = self._command if self._effect is WORKING else self._effect.of(self._command)
-        state = step(self._plant_parameters, self._state, command, dt_s)
-        if self._current_ned_m_s is STILL:
-            return state
-        x, y, z = (at + by * dt_s for at, by in zip(state.position_ned_m, self._current_ned_m_s, strict=True))
-        return state._replace(position_ned_m=(x, y, z))
+    def _tell(self) -> None:
+        control = self._pilot.command(self._state)
+        self._body.tell(control if self._effect is WORKING else self._effect.of(control), self._state_ns)
 
     def _sample(self, boot_ns: int) -> Sample:
-        options = self.options
-        return Sample(
-            boot_ns,
-            self._state,
-            options.origin,
-            self._dice,
-            options.position_noise_m,
-            options.attitude_noise_rad,
-            _PROJECTIONS[options.firmware],
-            self._astray,
-            self._current_ned_m_s,
-        )
+        estimate = self._estimator.estimate(self._state, self._state_ns)
+        return Sample(boot_ns, estimate, self.options.origin, _PROJECTIONS[self.options.firmware])
+
+
+def _check_fit(options: VehicleOptions, pilot: Autopilot, body: Body) -> None:
+    """Whether the body takes all that the firmware gives.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if set(pilot.gives) <= set(body.takes):
+        return
+    fitting = [name for name, kind in _PILOTS.items() if set(kind.gives) <= set(body.takes)]
+    raise ValueError(
+        f"the model {options.model} does not fit the firmware {options.firmware}; "
+        + (f"{' and '.join(fitting)} would fit" if fitting else "none would fit yet")
+    )

@@ -20,7 +20,9 @@ from sitl.faults.command import faults
 from sitl.fuzzing.command import fuzz
 from sitl.plant import PlantParameters
 from sitl.shell import ShellOptions, run
-from sitl.vehicle import Firmware, Noise, Origin, VehicleOptions
+from sitl.vehicle import USUAL, Firmware, Noise, Origin, VehicleOptions, fitting
+from sitl.vehicle.estimator import SILENT
+from sitl.vehicle.options import IDEAL
 
 app = typer.Typer(
     name="sitl",
@@ -44,7 +46,16 @@ app.command()(fuzz)
 
 @app.command()
 def vehicle(
-    firmware: Annotated[Firmware, typer.Option(help="Whose manners the vehicle has.")] = Firmware.PX4_UUV,
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|FILE.toml",
+            help="The body: ideal, uuv, rover, boat, airplane (_12 or _20 m/s), or parameters in a file.",
+        ),
+    ] = IDEAL,
+    firmware: Annotated[
+        Firmware | None, typer.Option(help="Whose manners the vehicle has; default, one that fits the model.")
+    ] = None,
     to: Annotated[
         list[str] | None,
         typer.Option(
@@ -62,21 +73,38 @@ def vehicle(
     ] = None,
     position: Annotated[
         str | None,
-        typer.Option(metavar="N,E,D", help="Start in metres NED; default -10,-30,-5 (rover: -10,-30,0)."),
+        typer.Option(
+            metavar="N,E,D", help="Start in metres NED; default -10,-30,-5 (rover: 0 up, airplane: 100)."
+        ),
     ] = None,
     yaw_deg: Annotated[float, typer.Option(help="Heading at the start.")] = 0.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="airplane: airspeed at the start, m/s; 0 on the ground; default 1.5 x stall."),
+    ] = None,
+    wind: Annotated[
+        str | None, typer.Option(metavar="N,E", help="Velocity of the air, m/s: airplane, rover, boat.")
+    ] = None,
+    gusts: Annotated[float, typer.Option(help="airplane: sigma of level turbulence, m/s.")] = 0.0,
     home: Annotated[
         str | None,
         typer.Option(metavar="LAT,LON,ALT", help="Origin of the local frame: degrees, degrees, metres."),
     ] = None,
-    max_rate: Annotated[float, typer.Option(help="Bound on each body rate, rad/s.")] = 5.0,
-    max_speed: Annotated[float, typer.Option(help="Bound on the forward speed, m/s.")] = 5.0,
-    rate_lag: Annotated[float, typer.Option(help="First-order lag of the body rates, s.")] = 0.0,
-    speed_lag: Annotated[float, typer.Option(help="First-order lag of the speed, s.")] = 0.0,
+    max_rate: Annotated[float, typer.Option(help="ideal: bound on each body rate, rad/s.")] = 5.0,
+    max_speed: Annotated[float, typer.Option(help="ideal: bound on the forward speed, m/s.")] = 5.0,
+    rate_lag: Annotated[float, typer.Option(help="ideal: first-order lag of the body rates, s.")] = 0.0,
+    speed_lag: Annotated[float, typer.Option(help="ideal: first-order lag of the speed, s.")] = 0.0,
     full_thrust_speed: Annotated[float, typer.Option(help="px4-uuv: speed at thrust 1, m/s.")] = 5.0,
-    position_noise: Annotated[float, typer.Option(help="Sigma of the reported position, m.")] = 0.0,
-    attitude_noise: Annotated[float, typer.Option(help="Sigma of the reported attitude, rad.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    noise: Annotated[
+        bool, typer.Option("--noise", help="An estimator with the usual noise, biases and heading error.")
+    ] = False,
+    position_noise: Annotated[
+        float | None, typer.Option(help="Sigma of the reported position, m; default 0, --noise 0.05.")
+    ] = None,
+    attitude_noise: Annotated[
+        float | None, typer.Option(help="Sigma of the reported attitude, rad; default 0, --noise 0.005.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the noise and of the gusts.")] = 0,
     mode: Annotated[str | None, typer.Option(help="Mode at the start, such as OFFBOARD or HOLD.")] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Start armed.")] = False,
     estimator_ready: Annotated[float, typer.Option(help="Seconds until there is a position.")] = 0.0,
@@ -97,7 +125,7 @@ def vehicle(
         bool, typer.Option("--exit-with-stdin", help="Exit when stdin closes (for a parent process).")
     ] = False,
 ) -> None:
-    """Run a MAVLink vehicle around the kinematic plant, in real time, until SIGTERM or SIGINT."""
+    """Run a MAVLink vehicle around a body, in real time, until SIGTERM or SIGINT."""
     try:
         if not 1e-3 <= truth_period < math.inf:
             raise ValueError(f"--truth-period must be at least 0.001 s, not {truth_period}")
@@ -114,11 +142,15 @@ def vehicle(
             exit_with_stdin=exit_with_stdin,
         )
         vehicle_options = VehicleOptions(
-            firmware=firmware,
+            firmware=_firmware(model) if firmware is None else firmware,
+            model=model,
             system_id=system_id,
             plant=PlantParameters(max_rate, max_speed, rate_lag, speed_lag),
             initial_position_ned_m=None if position is None else _three("--position", position),
             initial_yaw_rad=math.radians(yaw_deg),
+            initial_speed_m_s=speed,
+            wind_ned_m_s=(0.0, 0.0, 0.0) if wind is None else _level("--wind", wind),
+            gusts_m_s=gusts,
             initial_mode=mode,
             initially_armed=arm,
             origin=Origin() if home is None else Origin(*_three("--home", home)),
@@ -127,7 +159,7 @@ def vehicle(
             clock_drift_ppm=clock_drift_ppm,
             unix_at_zero_ns=time.time_ns(),
             estimator_ready_s=estimator_ready,
-            noise=Noise(position_m=position_noise, attitude_rad=attitude_noise),
+            noise=_noise(USUAL if noise else SILENT, position_noise, attitude_noise),
             seed=seed,
             signing_key=b"" if signing_key is None else _key(signing_key),
         )
@@ -216,12 +248,39 @@ def _key(path: Path) -> bytes:
     return key
 
 
+def _firmware(model: str) -> Firmware:
+    fit = fitting(model)
+    if not fit:
+        raise ValueError(f"no firmware fits the model {model} yet")
+    return fit[0]
+
+
+def _noise(noise: Noise, position_m: float | None, attitude_rad: float | None) -> Noise:
+    """With what is said of its own."""
+    if position_m is not None:
+        noise = noise._replace(position_m=position_m)
+    return noise if attitude_rad is None else noise._replace(attitude_rad=attitude_rad)
+
+
 def _three(option: str, text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"{option} must be three numbers with commas between, not {text!r}") from None
+    x, y, z = _numbers(option, text, 3)
     return x, y, z
+
+
+def _level(option: str, text: str) -> tuple[float, float, float]:
+    north, east = _numbers(option, text, 2)
+    return north, east, 0.0
+
+
+def _numbers(option: str, text: str, count: int) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        words = {2: "two", 3: "three"}[count]
+        raise ValueError(f"{option} must be {words} numbers with commas between, not {text!r}")
+    return numbers
 
 
 def _parameters(assignments: list[str]) -> dict[str, float]:

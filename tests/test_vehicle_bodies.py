@@ -8,7 +8,7 @@ from typing import Final
 
 import pytest
 
-from sitl.plant import PlantCommand, euler_from_attitude, rotation
+from sitl.plant import PlantCommand, PlantParameters, euler_from_attitude, rotation
 from sitl.vehicle import Firmware, VehicleOptions
 from sitl.vehicle.bodies.making import body_of
 from sitl.vehicle.body import Body, BodyState
@@ -32,6 +32,7 @@ def flown(body: Body, control: Control, seconds: float, from_ns: int = 0) -> Bod
 
 TOLD: Final[dict[str, Callable[[int], Control]]] = {
     "ideal": lambda n: PlantCommand((0.1, 0.0, 0.05 * n), 2.0),
+    "uuv": lambda n: PlantCommand((0.1, 0.2, 0.05 * n), 2.0),
     "rover": lambda n: Drive(0.05 * n, 2.0),
     "boat": lambda n: Drive(0.05 * n, 2.0),
     "airplane_12": lambda n: Attitude(0.03 * n, 0.05, 0.7),
@@ -39,12 +40,15 @@ TOLD: Final[dict[str, Callable[[int], Control]]] = {
 }
 
 
+def weather(model: str) -> dict[str, object]:
+    wind: dict[str, object] = {} if model in ("ideal", "uuv") else {"wind_ned_m_s": (2.0, 1.0, 0.0)}
+    return wind | ({"gusts_m_s": 0.8} if model.startswith("airplane") else {})
+
+
 @pytest.mark.parametrize("model", TOLD)
 def test_how_often_a_body_is_looked_at_changes_nothing(model: str) -> None:
     def fly(look_ns: int) -> BodyState:
-        body = made(
-            model, wind_ned_m_s=(2.0, 1.0, 0.0) if model != "ideal" else (0.0, 0.0, 0.0), gusts_m_s=0.8
-        )
+        body = made(model, **weather(model))
         for n in range(20):
             at_ns = n * 47_123_457
             body.tell(TOLD[model](n), at_ns)
@@ -59,7 +63,7 @@ def test_how_often_a_body_is_looked_at_changes_nothing(model: str) -> None:
 
 @pytest.mark.parametrize("model", TOLD)
 def test_looking_ahead_is_what_comes(model: str) -> None:
-    body = made(model, gusts_m_s=0.8)
+    body = made(model, **weather(model))
     body.tell(TOLD[model](3), 1_234_567)
     seen = body.ahead(777_777_777)
     lived = body.advance(777_777_777)
@@ -166,7 +170,7 @@ def test_wind_carries_an_airplane_and_gusts_have_their_sigma() -> None:
 
 
 def test_a_firmware_and_a_body_that_do_not_fit_are_refused_with_what_would() -> None:
-    with pytest.raises(ValueError, match="model rover does not fit the firmware px4-uuv; ardupilot-rover"):
+    with pytest.raises(ValueError, match="rover does not fit the firmware px4-uuv: it needs ardupilot-rover"):
         Peer(model="rover")
     with pytest.raises(ValueError, match="model airplane_12 does not fit the firmware ardupilot-rover"):
         Peer(Firmware.ARDUPILOT_ROVER, model="airplane_12")
@@ -176,9 +180,15 @@ def test_a_firmware_and_a_body_that_do_not_fit_are_refused_with_what_would() -> 
     ("options", "why"),
     [
         ({"model": "zeppelin"}, "zeppelin: No such file or directory; a model is one of rover, boat"),
-        ({"model": "airplane_12", "initial_position_ned_m": (0.0, 0.0, 1.0)}, "starts above the ground"),
-        ({"model": "airplane_12", "initial_speed_m_s": 0.0}, "not 100 m above it at 0 m/s"),
-        ({"model": "ideal", "initial_speed_m_s": 1.0}, "starts at rest"),
+        (
+            {"model": "airplane_12", "initial_position_ned_m": (0.0, 0.0, 1.0)},
+            "above the ground at 8 m/s or",
+        ),
+        ({"model": "airplane_12", "initial_speed_m_s": 5.0}, "not at a height of 100 m and 5 m/s"),
+        ({"model": "ideal", "initial_speed_m_s": 1.0}, "the model ideal has no initial_speed_m_s"),
+        ({"model": "uuv", "wind_ned_m_s": (1.0, 0.0, 0.0)}, "the model uuv has no wind_ned_m_s"),
+        ({"model": "boat", "gusts_m_s": 1.0}, "the model boat has no gusts_m_s"),
+        ({"model": "uuv", "plant": PlantParameters(max_speed_m_s=1.0)}, "chosen for the ideal body only"),
         ({"model": "rover", "gusts_m_s": -1.0}, "gusts_m_s must be finite and not negative"),
         ({"model": "rover", "wind_ned_m_s": (math.nan, 0.0, 0.0)}, "wind and origin must be finite"),
     ],

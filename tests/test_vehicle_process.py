@@ -107,6 +107,19 @@ def test_without_a_target_it_answers_who_wrote_last_and_ends_cleanly_on_sigint()
         assert child.wait(PATIENCE_S) == 0
 
 
+def test_a_model_has_the_firmware_that_fits_and_a_noisy_estimator_if_asked() -> None:
+    with companion() as sock:
+        to = f"127.0.0.1:{sock.getsockname()[1]}"
+        with process("--to", to, "--model", "rover", "--noise", "--wind=-1,2", "--truth", "-") as (child, _):
+            assert hear(sock, "HEARTBEAT").type == 10
+            seen = hear(sock, "LOCAL_POSITION_NED")
+            assert child.stdout is not None
+            truth = json.loads(child.stdout.readline())
+    assert truth["position_ned_m"] == [-10.0, -30.0, 0.0]
+    assert truth["wind_ned_m_s"] == [-1.0, 2.0, 0.0]
+    assert 0.0 < abs(seen.x + 10.0) < 0.5
+
+
 def test_it_ends_when_stdin_closes_if_asked_to() -> None:
     with process("--exit-with-stdin") as (child, _):
         assert child.stdin is not None
@@ -132,6 +145,14 @@ def test_it_ends_when_stdin_closes_if_asked_to() -> None:
         (["--set", "COM_OF_LOSS_T=soon"], "PARAM=NUMBER"),
         (["--set", "NO_SUCH=1"], "NO_SUCH"),
         (["--mode", "FLOAT"], "OFFBOARD"),
+        (["--model", "zeppelin"], "a model is one of"),
+        (["--model", "rover", "--firmware", "px4-uuv"], "it needs ardupilot-rover"),
+        (["--wind", "1,2"], "the model ideal has no wind"),
+        (["--model", "boat", "--wind", "1"], "--wind must be two numbers"),
+        (["--model", "boat", "--wind", "1,inf"], "finite"),
+        (["--model", "boat", "--gusts", "1"], "no gusts"),
+        (["--model", "uuv", "--max-speed", "2"], "for the ideal body only"),
+        (["--position-noise", "-1"], "noise.position_m"),
         (["--truth", "/no/such/folder/truth.jsonl"], "/no/such/folder"),
     ],
 )

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sitl.models import airplane, rover
+from sitl.models import airplane, rover, uuv
 
-#: Models that come with the package: those that drive, and airplanes.
+#: Models that come with the package: those that drive, airplanes, and those that dive.
 ROVERS: Final = ("rover", "boat")
 AIRPLANES: Final = ("airplane_12", "airplane_20")
+UUVS: Final = ("uuv",)
+NAMES: Final = (*ROVERS, *AIRPLANES, *UUVS)
+
+Model = rover.Parameters | airplane.Parameters | uuv.Parameters
 
 P = TypeVar("P", bound=tuple[float, ...])
 
@@ -31,17 +36,30 @@ def load_airplane(name: str) -> airplane.Parameters:
     return _load(airplane.Parameters, name, airplane.POSITIVE, airplane.SIGNED)
 
 
-def load_model(name: str) -> rover.Parameters | airplane.Parameters:
+def load_uuv(name: str) -> uuv.Parameters:
+    """Likewise an underwater vehicle's."""
+    return _load(uuv.Parameters, name, uuv.POSITIVE, uuv.SIGNED)
+
+
+#: How each kind is read, and by which keys its files are known.
+_KINDS: Final[tuple[tuple[Callable[[str], Model], tuple[str, ...]], ...]] = (
+    (load_rover, rover.Parameters._fields),
+    (load_airplane, airplane.Parameters._fields),
+    (load_uuv, uuv.Parameters._fields),
+)
+
+
+def load_model(name: str) -> Model:
     """The parameters of whatever kind of model that name or file holds; a file's keys say of which.
 
     Raises:
         ValueError: as `load_rover`.
     """
     keys = _table(name).keys()
-    airplanes = len(keys & set(airplane.Parameters._fields))
-    if len(keys & set(rover.Parameters._fields)) > airplanes:
-        return load_rover(name)
-    return load_airplane(name)
+    shared, load = max(((len(keys & set(fields)), load) for load, fields in _KINDS), key=lambda kind: kind[0])
+    if not shared:
+        raise ValueError(f"{name}: no parameter of a model is in it")
+    return load(name)
 
 
 def _load(kind: type[P], name: str, positive: frozenset[str], signed: frozenset[str]) -> P:
@@ -72,9 +90,7 @@ def _table(name: str) -> dict[str, object]:
             text = (files("sitl.models") / f"{name}.toml").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "no text"
-        raise ValueError(
-            f"{name}: {why}; a model is one of {', '.join((*ROVERS, *AIRPLANES))}, or a TOML file"
-        ) from error
+        raise ValueError(f"{name}: {why}; a model is one of {', '.join(NAMES)}, or a TOML file") from error
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

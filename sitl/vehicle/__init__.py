@@ -5,6 +5,6 @@ from __future__ import annotations
 from sitl.vehicle.controls import Effect
 from sitl.vehicle.estimator import USUAL, Noise
 from sitl.vehicle.options import Firmware, Origin, Truth, VehicleOptions
-from sitl.vehicle.vehicle import Vehicle
+from sitl.vehicle.vehicle import Vehicle, fitting
 
-__all__ = ["USUAL", "Effect", "Firmware", "Noise", "Origin", "Truth", "Vehicle", "VehicleOptions"]
+__all__ = ["USUAL", "Effect", "Firmware", "Noise", "Origin", "Truth", "Vehicle", "VehicleOptions", "fitting"]

@@ -15,7 +15,7 @@ from sitl.vehicle.ardupilot_messages import STREAM_GROUPS, STREAM_PARAMETERS, ar
 from sitl.vehicle.autopilot import HANDLERS, Autopilot
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.command import ACCEPTED, ARMED, DENIED, FAILED, UNSUPPORTED, Command
-from sitl.vehicle.controls import Drive
+from sitl.vehicle.controls import Control, Drive
 from sitl.vehicle.parameter_set import INT8, INT16, INT32, Parameter
 from sitl.vehicle.telemetry import ID, Builder
 
@@ -67,8 +67,8 @@ _BODY_FRAMES: Final = frozenset({8, 9})
 class ArduRover(Autopilot):
     """An ArduPilot rover on its first telemetry link."""
 
-    idle: ClassVar = STAND
-    gives: ClassVar = (Drive,)
+    idle: ClassVar[Control] = STAND
+    gives: ClassVar[tuple[type, ...]] = (Drive,)
     parameter_defaults: ClassVar = {
         "ARMING_CHECK": Parameter(1, INT32),
         "ARMING_REQUIRE": Parameter(1, INT8),
@@ -205,7 +205,7 @@ class ArduRover(Autopilot):
         self._target_rate_rad_s = rate_rad_s
         self._target_ns = self.now_ns
 
-    def demand(self, state: BodyState) -> Drive:
+    def demand(self, state: BodyState) -> Control:
         if self.custom_mode != GUIDED or self._target_ns is None:
             return STAND
         rate = self._target_rate_rad_s

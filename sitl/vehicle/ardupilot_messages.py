@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.vehicle import telemetry
+from sitl.vehicle.controls import Drive
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.telemetry import Builder
 
@@ -23,7 +24,7 @@ STREAM_GROUPS: Final[dict[int, tuple[str, ...]]] = {
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
     10: ("ATTITUDE", "SIMSTATE", "AHRS2"),
     11: ("VFR_HUD",),
-    12: ("AHRS", "SYSTEM_TIME", "EKF_STATUS_REPORT", "VIBRATION", "BATTERY_STATUS"),
+    12: ("AHRS", "SYSTEM_TIME", "EKF_STATUS_REPORT", "VIBRATION", "BATTERY_STATUS", "WIND"),
 }
 #: MAV_DATA_STREAM -> the MAV1_ parameter with its rate.
 STREAM_PARAMETERS: Final[dict[int, str]] = {
@@ -70,6 +71,8 @@ def ardupilot_builders(pilot: ArduRover) -> dict[int, Builder]:
         "SIMSTATE": messages.simstate,
         "SYS_STATUS": messages.sys_status,
     }
+    if Drive not in pilot.gives:  # what flies finds the wind
+        special["WIND"] = ready(telemetry.wind)
     return telemetry.builders(pilot, special)
 
 

@@ -136,7 +136,7 @@ class VehicleOptions:
         """The chosen position; else the paper's x(0) of section 4, on the ground for a rover."""
         if self.initial_position_ned_m is not None:
             return self.initial_position_ned_m
-        return (-10.0, -30.0, 0.0 if self.firmware is Firmware.ARDUPILOT_ROVER else -5.0)
+        return (-10.0, -30.0, 0.0 if self.firmware.endswith("-rover") else -5.0)
 
     def start_attitude_wxyz(self) -> Wxyz:
         """Level, at the initial yaw."""

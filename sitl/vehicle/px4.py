@@ -16,6 +16,7 @@ from sitl.plant import STOP, PlantCommand, Triple, Wxyz
 from sitl.vehicle.autopilot import COMMANDS, HANDLERS, STATUSTEXT_LENGTH, Autopilot
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.command import ACCEPTED, ARMED, DENIED, FAILED, TEMPORARILY_REJECTED, Command
+from sitl.vehicle.controls import Control
 from sitl.vehicle.parameter_set import INT32, Parameter
 from sitl.vehicle.px4_messages import STREAM_RATES_HZ, px4_builders
 from sitl.vehicle.px4_modes import (
@@ -44,8 +45,8 @@ IGNORE_ATTITUDE: Final = 128
 class Px4(Autopilot):
     """A PX4 submarine on its onboard link."""
 
-    idle: ClassVar = STOP
-    gives: ClassVar = (PlantCommand,)
+    idle: ClassVar[Control] = STOP
+    gives: ClassVar[tuple[type, ...]] = (PlantCommand,)
     parameter_defaults: ClassVar = {
         "COM_ARM_HFLT_CHK": Parameter(0, INT32),
         "COM_DISARM_LAND": Parameter(2.0),
@@ -147,7 +148,7 @@ class Px4(Autopilot):
         self._life_ns = self.now_ns
         self._clear_setpoint()
 
-    def demand(self, state: BodyState) -> PlantCommand:
+    def demand(self, state: BodyState) -> Control:
         if self.custom_mode != OFFBOARD or self.wanted_rates is None:
             return STOP
         speed = _finite(self._thrust_x) * self.options.speed_at_full_thrust_m_s

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.vehicle import telemetry
+from sitl.vehicle.controls import Attitude
 from sitl.vehicle.frame import FrameType
 from sitl.vehicle.px4_modes import STANDARD_MODES
 from sitl.vehicle.sample import Sample
@@ -43,6 +44,7 @@ STREAM_RATES_HZ: Final = {
     "SYSTEM_TIME": 1.0,
     "VFR_HUD": 10.0,
     "VIBRATION": 0.5,
+    "WIND_COV": 1.0,
 }
 #: As recorded: 1.16.0 with the capabilities of a vehicle that takes attitude and local position targets.
 CAPABILITIES: Final = 0xE8FF
@@ -83,6 +85,8 @@ def px4_builders(pilot: Px4) -> dict[int, Builder]:
         "SERVO_OUTPUT_RAW": messages.servo_output_raw,
         "SYS_STATUS": messages.sys_status,
     }
+    if Attitude in pilot.gives:  # an airplane's estimator finds the wind
+        special["WIND_COV"] = ready(telemetry.wind_cov)
     return telemetry.builders(pilot, special)
 
 

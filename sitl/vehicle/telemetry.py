@@ -24,6 +24,9 @@ ID: Final[dict[str, int]] = {
 }
 Builder = Callable[[Sample], Any]
 
+#: Of the recorded estimate of the wind.
+WIND_VARIANCE_M2_S2: Final = 0.09
+
 _ATTITUDE: Final = FrameType(mavlink.MAVLink_attitude_message)
 _ATTITUDE_QUATERNION: Final = FrameType(mavlink.MAVLink_attitude_quaternion_message)
 _LOCAL_POSITION_NED: Final = FrameType(mavlink.MAVLink_local_position_ned_message)
@@ -79,15 +82,30 @@ def global_position_int(s: Sample) -> Any:
 
 
 def vfr_hud(s: Sample) -> Any:
-    """VFR_HUD; throttle is not modelled."""
+    """VFR_HUD; airspeed and throttle are 0 for a body that has none."""
     north, east, down = s.velocity_ned_m_s
     return mavlink.MAVLink_vfr_hud_message(
-        0.0,
+        s.estimate.airspeed_m_s,
         math.hypot(north, east),
         s.heading_cdeg() // 100,
-        0,
+        max(0, min(100, round(100.0 * s.estimate.throttle))),
         s.origin.altitude_m - s.position_ned_m[2],
         -down,
+    )
+
+
+def wind(s: Sample) -> Any:
+    """WIND (ArduPilot): where it comes from, as seen from the vehicle, +-180 degrees; level, as recorded."""
+    north, east, _ = s.estimate.wind_ned_m_s
+    return mavlink.MAVLink_wind_message(math.degrees(math.atan2(-east, -north)), math.hypot(north, east), 0.0)
+
+
+def wind_cov(s: Sample) -> Any:
+    """WIND_COV (PX4): where it blows to; level, and with the variance that was recorded."""
+    north, east, _ = s.estimate.wind_ned_m_s
+    altitude_m = s.origin.altitude_m - s.position_ned_m[2]
+    return mavlink.MAVLink_wind_cov_message(
+        s.boot_us, north, east, 0.0, WIND_VARIANCE_M2_S2, 0.0, altitude_m, 0.0, 0.0
     )
 
 

@@ -14,16 +14,16 @@ instants of `advance`: how often that is called changes nothing.
 from __future__ import annotations
 
 from collections.abc import Hashable
+from typing import Final
 
 from sitl.plant import PlantParameters, Triple
 from sitl.vehicle.ardupilot import ArduRover
 from sitl.vehicle.autopilot import Autopilot
 from sitl.vehicle.bodies.ideal import IdealBody
-from sitl.vehicle.bodies.making import body_of
-from sitl.vehicle.body import Body
+from sitl.vehicle.bodies.making import body_of, takes
 from sitl.vehicle.clock import BootClock
 from sitl.vehicle.command import ACCEPTED
-from sitl.vehicle.controls import WORKING, Effect
+from sitl.vehicle.controls import WORKING, Drive, Effect
 from sitl.vehicle.estimator import RIGHT, Astray, Estimator
 from sitl.vehicle.options import Firmware, Truth, VehicleOptions
 from sitl.vehicle.projection import Projection, azimuthal_equidistant, equirectangular
@@ -39,6 +39,8 @@ _PROJECTIONS: dict[Firmware, Projection] = {
     Firmware.PX4_UUV: azimuthal_equidistant,
     Firmware.ARDUPILOT_ROVER: equirectangular,
 }
+#: Who flew it when its parameters were recorded, where others could.
+_RECORDED_WITH: Final = {"airplane_20": "ardupilot"}
 _MS = 1_000_000
 
 
@@ -54,12 +56,12 @@ class Vehicle:
     """
 
     def __init__(self, options: VehicleOptions, boot_ns: int = 0) -> None:
+        _check_fit(options)
         self.options = options
-        self._planar = options.firmware is Firmware.ARDUPILOT_ROVER or options.plant.planar
         self._effect = WORKING
         self._pilot = _PILOTS[options.firmware](options)
+        self._planar = Drive in self._pilot.gives or options.plant.planar
         self._body = body_of(options, planar=self._planar, start_ns=boot_ns)
-        _check_fit(options, self._pilot, self._body)
         self._estimator = Estimator(options.noise, options.seed, boot_ns)
         self._state = self._body.ahead(boot_ns)
         self._state_ns = boot_ns
@@ -268,16 +270,22 @@ class Vehicle:
         return Sample(boot_ns, estimate, self.options.origin, _PROJECTIONS[self.options.firmware])
 
 
-def _check_fit(options: VehicleOptions, pilot: Autopilot, body: Body) -> None:
-    """Whether the body takes all that the firmware gives.
+def fitting(model: str) -> list[Firmware]:
+    """The firmwares whose every kind of `Control` the model takes, the one to be preferred first.
 
     Raises:
-        ValueError: it does not.
+        ValueError: the model's file is missing or wrong.
     """
-    if set(pilot.gives) <= set(body.takes):
-        return
-    fitting = [name for name, kind in _PILOTS.items() if set(kind.gives) <= set(body.takes)]
-    raise ValueError(
-        f"the model {options.model} does not fit the firmware {options.firmware}; "
-        + (f"{' and '.join(fitting)} would fit" if fitting else "none would fit yet")
-    )
+    taken = set(takes(model))
+    fit = [firmware for firmware, pilot in _PILOTS.items() if set(pilot.gives) <= taken]
+    recorded_with = _RECORDED_WITH.get(model, "")
+    return sorted(fit, key=lambda firmware: not firmware.startswith(recorded_with))
+
+
+def _check_fit(options: VehicleOptions) -> None:
+    fit = fitting(options.model)
+    if options.firmware not in fit:
+        raise ValueError(
+            f"the model {options.model} does not fit the firmware {options.firmware}: "
+            + (f"it needs {' or '.join(fit)}" if fit else "there is none for it yet")
+        )

@@ -1,45 +1,103 @@
-"""The body that a vehicle's options name, and whether it takes what the firmware gives."""
+"""The body that a vehicle's options name."""
 
 from __future__ import annotations
 
-from sitl.models import airplane
-from sitl.models.files import load_model
-from sitl.plant import PlantState
+from typing import Final
+
+from sitl.models import airplane, rover, uuv
+from sitl.models.files import Model, load_model
+from sitl.plant import PlantParameters, PlantState, Triple
 from sitl.vehicle.bodies.airplane import AirplaneBody
 from sitl.vehicle.bodies.ideal import IdealBody
 from sitl.vehicle.bodies.rover import RoverBody
+from sitl.vehicle.bodies.uuv import UuvBody
 from sitl.vehicle.body import Body
 from sitl.vehicle.options import IDEAL, VehicleOptions
 
+#: Either size by this name: the one that was recorded with the firmware.
+AIRPLANE: Final = "airplane"
 #: Where an airplane begins whose options do not say, m of height and times its stall speed.
-AIRPLANE_HEIGHT_M = 100.0
-AIRPLANE_STALLS = 1.5
+AIRPLANE_HEIGHT_M: Final = 100.0
+AIRPLANE_STALLS: Final = 1.5
+
+_TAKES: Final[dict[type, tuple[type, ...]]] = {
+    rover.Parameters: RoverBody.takes,
+    airplane.Parameters: AirplaneBody.takes,
+    uuv.Parameters: UuvBody.takes,
+}
+_CALM: Final[Triple] = (0.0, 0.0, 0.0)
+
+
+def takes(model: str) -> tuple[type, ...]:
+    """The kinds of `Control` that a model takes.
+
+    Raises:
+        ValueError: the model's file is missing or wrong.
+    """
+    return IdealBody.takes if model == IDEAL else _TAKES[type(_loaded(model, ""))]
 
 
 def body_of(options: VehicleOptions, *, planar: bool, start_ns: int) -> Body:
-    """A new body where and as the options say.
+    """A new body where and as the options say; a `planar` ideal one neither rolls nor pitches.
 
     Raises:
-        ValueError: the model's file is missing or wrong, or the start is none for such a body.
+        ValueError: the model's file is missing or wrong, or what else is chosen does not go with the model.
     """
-    position = options.start_position_ned_m()
     if options.model == IDEAL:
-        if options.initial_speed_m_s:
-            raise ValueError("the ideal body starts at rest: initial_speed_m_s must be 0")
-        first = PlantState(position, options.start_attitude_wxyz())
+        _refuse(options, wind=True, gusts=True, speed=True)
+        first = PlantState(options.start_position_ned_m(), options.start_attitude_wxyz())
         return IdealBody(options.plant._replace(planar=planar), first, start_ns)
-    parameters = load_model(options.model)
-    yaw, wind = options.initial_yaw_rad, options.wind_ned_m_s
+    if options.plant != PlantParameters():
+        raise ValueError(f"{options.model}: bounds and lags are chosen for the ideal body only")
+    parameters = _loaded(options.model, options.firmware)
     if isinstance(parameters, airplane.Parameters):
-        if options.initial_position_ned_m is None:
-            position = (position[0], position[1], -AIRPLANE_HEIGHT_M)
-        speed = options.initial_speed_m_s
-        if speed is None:
-            speed = AIRPLANE_STALLS * parameters.stall_m_s
-        if position[2] > 0.0 or (speed == 0.0 and position[2] < 0.0):
-            raise ValueError(
-                f"{options.model}: an airplane starts above the ground, or with initial_speed_m_s = 0 on it, "
-                f"not {-position[2]:g} m above it at {speed:g} m/s"
-            )
-        return AirplaneBody(parameters, position, yaw, speed, wind, options.gusts_m_s, options.seed, start_ns)
-    return RoverBody(parameters, position, yaw, wind, start_ns)
+        return _airplane(options, parameters, start_ns)
+    if isinstance(parameters, uuv.Parameters):
+        _refuse(options, wind=True, gusts=True, speed=True)
+        return UuvBody(parameters, options.start_position_ned_m(), options.start_attitude_wxyz(), start_ns)
+    _refuse(options, wind=False, gusts=True, speed=True)
+    yaw_rad, wind_ned_m_s = options.initial_yaw_rad, options.wind_ned_m_s
+    return RoverBody(parameters, options.start_position_ned_m(), yaw_rad, wind_ned_m_s, start_ns)
+
+
+def _loaded(model: str, firmware: str) -> Model:
+    if model == AIRPLANE:
+        model = "airplane_20" if firmware.startswith("ardupilot") else "airplane_12"
+    return load_model(model)
+
+
+def _refuse(options: VehicleOptions, *, wind: bool, gusts: bool, speed: bool) -> None:
+    """What this body would not feel is no option of it."""
+    chosen = {
+        "wind_ned_m_s": wind and options.wind_ned_m_s != _CALM,
+        "gusts_m_s": gusts and options.gusts_m_s != 0.0,
+        "initial_speed_m_s": speed and bool(options.initial_speed_m_s),
+    }
+    for name, refused in chosen.items():
+        if refused:
+            raise ValueError(f"the model {options.model} has no {name}")
+
+
+def _airplane(options: VehicleOptions, parameters: airplane.Parameters, start_ns: int) -> AirplaneBody:
+    position = options.start_position_ned_m()
+    if options.initial_position_ned_m is None:
+        position = (position[0], position[1], -AIRPLANE_HEIGHT_M)
+    speed = options.initial_speed_m_s
+    if speed is None:
+        speed = AIRPLANE_STALLS * parameters.stall_m_s
+    height = -position[2]
+    if height < 0.0 or (height > 0.0 and speed < parameters.stall_m_s) or (height == 0.0 and speed > 0.0):
+        raise ValueError(
+            f"the model {options.model} starts above the ground at {parameters.stall_m_s:g} m/s or more, "
+            f"or on it at rest, not at a height of {height:g} m and {speed:g} m/s"
+        )
+    return AirplaneBody(
+        parameters,
+        position,
+        options.initial_yaw_rad,
+        speed,
+        options.wind_ned_m_s,
+        options.gusts_m_s,
+        options.seed,
+        start_ns,
+    )

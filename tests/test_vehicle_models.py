@@ -14,7 +14,7 @@ import pytest
 from sitl.plant import Triple, euler_from_attitude
 from sitl.truth import truth_line
 from sitl.vehicle import USUAL, Firmware, Noise, Origin, VehicleOptions, fitting, vehicle
-from sitl.vehicle.ardupilot import ArduRover
+from sitl.vehicle.ardupilot_rover import ArduRover
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.controls import Attitude, Control, Drive, Effect, Velocity
 from sitl.vehicle.estimator import PERIOD_NS, Astray, Estimator

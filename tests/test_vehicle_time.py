@@ -21,7 +21,7 @@ from sitl.vehicle import telemetry as common
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.clock import BootClock
 from sitl.vehicle.projection import azimuthal_equidistant
-from sitl.vehicle.px4 import Px4
+from sitl.vehicle.px4_uuv import Px4Uuv
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.schedule import Streams
 from tests.vehicle_peer import MS, RATES, SECOND, YAW_RATE, Peer, px4_in_offboard
@@ -191,7 +191,7 @@ def test_quick_packing_gives_the_bytes_of_pymavlink(key: bytes | None) -> None:
     attitude = attitude_from_euler(0.1, -0.2, 3.0)
     state = BodyState((1.5, -2.5, 3.0), attitude, (0.1, -0.2, 0.0), (-1.9, 0.3, 0.4), 2.0)
     sample = Sample(1_234_567_000_000, state, Origin(), azimuthal_equidistant)
-    pilot = Px4(VehicleOptions())
+    pilot = Px4Uuv(VehicleOptions())
     quick = [pilot.builders()[common.ID[name]](sample) for name in QUICK]
     for sequence, (name, message) in enumerate(zip(QUICK, quick, strict=True)):
         ours = mavlink.MAVLink(None, 7, 1)
@@ -292,7 +292,7 @@ def test_a_clock_of_signatures_that_was_moved_to_its_end_stays_there() -> None:
     still = (0.0, 0.0, 0.0)
     state = BodyState(still, attitude_from_euler(0.0, 0.0, 0.0), still, still, 0.0)
     sample = Sample(1_000_000, state, Origin(), azimuthal_equidistant)
-    message = Px4(VehicleOptions()).builders()[common.ID[QUICK[0]]](sample)
+    message = Px4Uuv(VehicleOptions()).builders()[common.ID[QUICK[0]]](sample)
     ours = mavlink.MAVLink(None, 1, 1)
     ours.signing.secret_key, ours.signing.sign_outgoing = bytes(32), True
     ours.signing.timestamp = 2**48 + 5

@@ -16,8 +16,7 @@ from sitl.vehicle.options import IDEAL, VehicleOptions
 
 #: Either size by this name: the one that was recorded with the firmware.
 AIRPLANE: Final = "airplane"
-#: Where an airplane begins whose options do not say, m of height and times its stall speed.
-AIRPLANE_HEIGHT_M: Final = 100.0
+#: The speed of an airplane that begins in the air, times its stall speed, if its options do not say.
 AIRPLANE_STALLS: Final = 1.5
 
 _TAKES: Final[dict[type, tuple[type, ...]]] = {
@@ -80,12 +79,9 @@ def _refuse(options: VehicleOptions, *, wind: bool, gusts: bool, speed: bool) ->
 
 def _airplane(options: VehicleOptions, parameters: airplane.Parameters, start_ns: int) -> AirplaneBody:
     position = options.start_position_ned_m()
-    if options.initial_position_ned_m is None:
-        position = (position[0], position[1], -AIRPLANE_HEIGHT_M)
-    speed = options.initial_speed_m_s
+    height, speed = -position[2], options.initial_speed_m_s
     if speed is None:
-        speed = AIRPLANE_STALLS * parameters.stall_m_s
-    height = -position[2]
+        speed = AIRPLANE_STALLS * parameters.stall_m_s if height > 0.0 else 0.0
     if height < 0.0 or (height > 0.0 and speed < parameters.stall_m_s) or (height == 0.0 and speed > 0.0):
         raise ValueError(
             f"the model {options.model} starts above the ground at {parameters.stall_m_s:g} m/s or more, "

@@ -81,6 +81,33 @@ def test_the_rover_has_the_delay_the_slew_and_the_gain_of_its_file() -> None:
     assert max(b - a for a, b in zip(rates[70:300:10], rates[80:310:10], strict=True)) <= 1.95 * 0.0121
 
 
+@pytest.mark.parametrize("model", ["uuv", "rover", "boat", "airplane_20"])
+@pytest.mark.parametrize("late_ns", [0, 10, 1_500_000, 3_999_990])
+def test_a_delay_runs_from_the_instant_of_the_command(model: str, late_ns: int) -> None:
+    """It acts from the first grid point that is a delay later, to the nanosecond; the model's clock stays."""
+    delay_ns = {"uuv": 40, "rover": 68, "boat": 100, "airplane_20": 86}[model] * MS
+    body, untold = made(model), made(model)
+    body.tell(Attitude(0.3, 0.1, 0.7) if model == "airplane_20" else TOLD[model](10), 400 * MS + late_ns)
+    acts_ns = 400 * MS + -(-(late_ns + delay_ns) // (4 * MS)) * 4 * MS
+    assert body.advance(acts_ns) == untold.advance(acts_ns)
+    assert body.advance(acts_ns + MS) != untold.advance(acts_ns + MS)
+
+
+def test_the_wind_pushes_a_boat_by_the_part_of_its_file() -> None:
+    still, pushed = made("boat"), made("boat", wind_ned_m_s=(0.0, 5.0, 0.0))
+    drift = pushed.advance(10 * SECOND).position_ned_m[1] - still.advance(10 * SECOND).position_ned_m[1]
+    assert drift == pytest.approx(0.03 * 5.0 * 10.0)
+
+
+def test_gusts_change_at_50_hz_and_are_the_same_for_one_seed() -> None:
+    def winds(seed: int) -> list[float]:
+        body = made("airplane_12", gusts_m_s=1.0, seed=seed)
+        return [body.advance(n * 4 * MS).wind_ned_m_s[0] for n in range(1, 101)]
+
+    assert len(set(winds(1))) == 20
+    assert winds(1) == winds(1) != winds(2)
+
+
 def test_the_same_words_again_do_not_push_the_older_out() -> None:
     """A model remembers 32 commands; a firmware repeats itself every few milliseconds."""
     body = made("boat")

@@ -137,9 +137,9 @@ def test_an_earlier_instant_counts_as_the_latest_one_seen() -> None:
 def test_reboot_restarts_time_sequence_streams_and_mode_but_not_pose_and_parameters(
     firmware: Firmware,
 ) -> None:
-    name = "COM_OF_LOSS_T" if firmware is Firmware.PX4_UUV else "WP_SPEED"
+    name, kind = ("COM_OF_LOSS_T", 9) if firmware.startswith("px4") else ("SCHED_LOOP_RATE", 4)
     peer = Peer(firmware, clock_offset_ns=100 * SECOND)
-    peer.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), 3.0, 9))
+    peer.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), 30.0, kind))
     peer.command(511, 30, -1)
     peer.command(400, 1)
     peer.run(10.0)
@@ -151,7 +151,7 @@ def test_reboot_restarts_time_sequence_streams_and_mode_but_not_pose_and_paramet
     heard = peer.run(2.0)
     assert heard[0].get_seq() == 0
     assert "ATTITUDE" in {m.get_type() for m in heard}
-    assert peer.vehicle.parameter(name) == 3.0
+    assert peer.vehicle.parameter(name) == 30.0
 
 
 # --- streams -------------------------------------------------------------------------------------------

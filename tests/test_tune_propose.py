@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from io import StringIO
 from math import inf
 from pathlib import Path
@@ -11,12 +12,7 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 from rich.console import Console
-from sitl.scenarios.ground import Setting, fly
-from sitl.scenarios.tasks import ROVER
 
-from guidance.config import load
-from guidance.flying.ground import ground_parameters
-from guidance.se3 import ZERO
 from guidance.tune.answer import Answer, Form
 from guidance.tune.excitation import ground_runs
 from guidance.tune.fitting import Errors, Spread
@@ -24,6 +20,8 @@ from guidance.tune.identify import Identified, Refused, identified
 from guidance.tune.propose import Known, Line, Results, airplane_lines, copter_lines, ground_lines, toml
 from guidance.tune.report import as_json, show
 from sitl.models.files import load_rover
+from sitl.scenarios import rover
+from sitl.scenarios.table import fly_row, in_words
 from tests.steps_flown import driven
 from tests.test_tune_identify import GROUND
 
@@ -134,13 +132,10 @@ def test_a_rover_flies_what_its_own_steps_propose() -> None:
     }
     lines = ground_lines(results, Known(5.0, 2.09, 0.9, 5.0))
     settings = [f"{key}={value}" for key, value in by_key(lines).items()]
-    config = load(SHIPPED, [*settings, "limits.yaw_rate_max_rad_s=2.09", "limits.speed_max_m_s=5.0"])
-    handling = ground_parameters(config, ZERO, {"WP_SPEED": 5.0, "ATC_TURN_MAX_G": 0.6})
-    for row in ROVER[:2]:
-        figures = fly(row.task, Setting(model, handling, config.link.actuation_delay_s))
-        assert figures.converged_s < row.limits.converged_s
-        assert figures.rms_m < row.limits.rms_m
-        assert figures.max_m < row.limits.max_m
+    for row in rover.rows()[:2]:
+        task = replace(row.task, settings=(*row.task.settings, *settings))
+        result = fly_row(replace(row, task=task), seeds=1)
+        assert not result.missed, in_words(result)
 
 
 def test_report_as_text_and_as_json() -> None:

@@ -22,6 +22,8 @@ AIRPLANES: Final = pytest.mark.parametrize("name", CRUISE)
 
 
 def made(model: str, **options: object) -> Body:
+    if model.startswith("airplane"):
+        options = {"initial_position_ned_m": (0.0, 0.0, -100.0), **options}
     return body_of(VehicleOptions(model=model, **options), planar=False, start_ns=0)  # type: ignore[arg-type]
 
 
@@ -211,7 +213,10 @@ def test_a_firmware_and_a_body_that_do_not_fit_are_refused_with_what_would() -> 
             {"model": "airplane_12", "initial_position_ned_m": (0.0, 0.0, 1.0)},
             "above the ground at 8 m/s or",
         ),
-        ({"model": "airplane_12", "initial_speed_m_s": 5.0}, "not at a height of 100 m and 5 m/s"),
+        (
+            {"model": "airplane_12", "initial_speed_m_s": 5.0, "initial_position_ned_m": (0.0, 0.0, -60.0)},
+            "not at a height of 60 m and 5 m/s",
+        ),
         ({"model": "ideal", "initial_speed_m_s": 1.0}, "the model ideal has no initial_speed_m_s"),
         ({"model": "uuv", "wind_ned_m_s": (1.0, 0.0, 0.0)}, "the model uuv has no wind_ned_m_s"),
         ({"model": "boat", "gusts_m_s": 1.0}, "the model boat has no gusts_m_s"),

@@ -7,19 +7,17 @@ import math
 import statistics
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import pytest
 
 from sitl.plant import Triple, euler_from_attitude
 from sitl.truth import truth_line
-from sitl.vehicle import USUAL, Firmware, Noise, Origin, VehicleOptions, fitting, vehicle
-from sitl.vehicle.ardupilot import ArduRover
+from sitl.vehicle import USUAL, Firmware, Noise, Origin, VehicleOptions, fitting
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.controls import Attitude, Control, Drive, Effect, Velocity
 from sitl.vehicle.estimator import PERIOD_NS, Astray, Estimator
 from sitl.vehicle.projection import equirectangular
-from sitl.vehicle.px4 import Px4
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.telemetry import wind
 from tests.helpers import ROVER, fly_until_tracking, make_flight
@@ -28,26 +26,6 @@ from tests.vehicle_peer import Peer, px4_in_offboard, rover_in_guided
 BODY: Final = BodyState(
     (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), (4.0, 5.0, 6.0), 7.0, 12.0, (3.0, -4.0, 0.0), 0.5
 )
-
-
-class Px4Plane(Px4):
-    """A PX4 that flies a body of wings level for ever."""
-
-    idle: ClassVar[Control] = Attitude(0.0, -0.03, 0.8)
-    gives: ClassVar[tuple[type, ...]] = (Attitude,)
-
-
-class ArduPlane(ArduRover):
-    """Likewise an ArduPilot."""
-
-    idle: ClassVar[Control] = Attitude(0.0, -0.03, 0.36)
-    gives: ClassVar[tuple[type, ...]] = (Attitude,)
-
-
-@pytest.fixture
-def planes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(vehicle._PILOTS, Firmware.PX4_UUV, Px4Plane)
-    monkeypatch.setitem(vehicle._PILOTS, Firmware.ARDUPILOT_ROVER, ArduPlane)
 
 
 # --- the estimator -------------------------------------------------------------------------------------
@@ -148,31 +126,28 @@ def test_a_rover_whose_course_is_not_its_heading_says_so() -> None:
     assert math.atan2(local.vy, local.vx) - heading == pytest.approx(0.02, abs=1e-3)
 
 
-@pytest.mark.usefixtures("planes")
 def test_a_px4_airplane_tells_its_airspeed_throttle_and_wind() -> None:
-    peer = Peer(model="airplane", initial_speed_m_s=12.0, wind_ned_m_s=(3.0, -4.0, 0.0))
+    peer = Peer(Firmware.PX4_PLANE, airborne=True, wind_ned_m_s=(3.0, -4.0, 0.0))
+    peer.command(176, 1, 3)  # straight on
     peer.run(10.0)
     hud, said = peer.last("VFR_HUD"), peer.last("WIND_COV")
     truth = peer.vehicle.truth()
     assert hud.airspeed == pytest.approx(truth.airspeed_m_s, abs=0.05)
     assert hud.groundspeed == pytest.approx(math.hypot(*truth.velocity_ned_m_s[:2]), abs=0.05)
     assert hud.groundspeed > hud.airspeed + 1.0
-    assert hud.throttle == 80
+    assert hud.throttle == 100, "less than FW_AIRSPD_TRIM is all that it reaches"
     assert hud.climb == pytest.approx(-truth.velocity_ned_m_s[2], abs=0.05)
     assert (said.wind_x, said.wind_y, said.wind_z) == pytest.approx((3.0, -4.0, 0.0))
     assert len([m for m in peer.heard if m.get_type() == "WIND_COV"]) == pytest.approx(10, abs=1)
 
 
-@pytest.mark.usefixtures("planes")
 def test_an_ardupilot_airplane_tells_where_the_wind_comes_from() -> None:
-    peer = Peer(
-        Firmware.ARDUPILOT_ROVER, model="airplane", initial_speed_m_s=20.0, wind_ned_m_s=(3.0, -4.0, 0.0)
-    )
+    peer = Peer(Firmware.ARDUPILOT_PLANE, airborne=True, wind_ned_m_s=(3.0, -4.0, 0.0))
     peer.run(5.0)
     said = peer.last("WIND")
     assert said.speed == pytest.approx(5.0)
     assert said.direction == pytest.approx(math.degrees(math.atan2(4.0, -3.0)))
-    assert peer.vehicle.truth().airspeed_m_s == pytest.approx(20.0, abs=1.5), "the larger airplane"
+    assert peer.vehicle.truth().airspeed_m_s == pytest.approx(22.0, abs=2.5), "the larger airplane"
     assert {m.get_type() for m in peer.heard} & {"WIND_COV"} == set()
 
 
@@ -197,12 +172,11 @@ def test_which_firmware_drives_which_model() -> None:
     assert fitting("rover") == fitting("boat") == [Firmware.ARDUPILOT_ROVER]
 
 
-@pytest.mark.usefixtures("planes")
 def test_an_airplane_has_the_firmware_that_it_was_recorded_with() -> None:
     assert [fitting(name)[0] for name in ("airplane", "airplane_12", "airplane_20")] == [
-        Firmware.PX4_UUV,
-        Firmware.PX4_UUV,
-        Firmware.ARDUPILOT_ROVER,
+        Firmware.PX4_PLANE,
+        Firmware.PX4_PLANE,
+        Firmware.ARDUPILOT_PLANE,
     ]
 
 
@@ -255,9 +229,8 @@ def test_a_current_carries_a_model_along(model: str, start: Any, current: Triple
     assert faster == pytest.approx(current)
 
 
-@pytest.mark.usefixtures("planes")
 def test_the_wind_turns_for_an_airplane() -> None:
-    peer = Peer(model="airplane_12", initial_speed_m_s=12.0)
+    peer = Peer(Firmware.PX4_PLANE, airborne=True)
     peer.vehicle.current(peer.now_ns, (0.0, 6.0, 0.0))
     peer.run(3.0)
     assert peer.vehicle.truth().wind_ned_m_s == (0.0, 6.0, 0.0)

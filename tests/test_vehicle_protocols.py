@@ -54,7 +54,7 @@ def test_request_message_sends_it_once(firmware: Firmware, name: str) -> None:
     peer = Peer(firmware)
     peer.run(0.001)
     heard = peer.send(mavlink.MAVLink_command_long_message(1, 1, 512, 0, common.ID[name], *[0.0] * 6))
-    order = ["COMMAND_ACK", name] if firmware is Firmware.ARDUPILOT_ROVER else [name, "COMMAND_ACK"]
+    order = ["COMMAND_ACK", name] if firmware.startswith("ardupilot") else [name, "COMMAND_ACK"]
     assert [m.get_type() for m in heard] == order
 
 
@@ -114,7 +114,7 @@ def test_the_parameter_list_is_complete(firmware: Firmware) -> None:
     values = [m for m in heard if m.get_type() == "PARAM_VALUE"]
     numbered = [m for m in values if m.param_id != "_HASH_CHECK"]
     assert [m.param_index for m in numbered] == list(range(numbered[0].param_count))
-    assert len(values) - len(numbered) == (firmware is Firmware.PX4_UUV)
+    assert len(values) - len(numbered) == firmware.startswith("px4")
 
 
 def bytewise(value: int) -> float:

@@ -21,7 +21,7 @@ from sitl.vehicle import telemetry as common
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.clock import BootClock
 from sitl.vehicle.projection import azimuthal_equidistant
-from sitl.vehicle.px4 import Px4
+from sitl.vehicle.px4_uuv import Px4Uuv
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.schedule import Streams
 from tests.vehicle_peer import MS, RATES, SECOND, YAW_RATE, Peer, px4_in_offboard
@@ -137,9 +137,9 @@ def test_an_earlier_instant_counts_as_the_latest_one_seen() -> None:
 def test_reboot_restarts_time_sequence_streams_and_mode_but_not_pose_and_parameters(
     firmware: Firmware,
 ) -> None:
-    name = "COM_OF_LOSS_T" if firmware is Firmware.PX4_UUV else "WP_SPEED"
+    name, kind = ("COM_OF_LOSS_T", 9) if firmware.startswith("px4") else ("SCHED_LOOP_RATE", 4)
     peer = Peer(firmware, clock_offset_ns=100 * SECOND)
-    peer.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), 3.0, 9))
+    peer.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), 30.0, kind))
     peer.command(511, 30, -1)
     peer.command(400, 1)
     peer.run(10.0)
@@ -151,7 +151,7 @@ def test_reboot_restarts_time_sequence_streams_and_mode_but_not_pose_and_paramet
     heard = peer.run(2.0)
     assert heard[0].get_seq() == 0
     assert "ATTITUDE" in {m.get_type() for m in heard}
-    assert peer.vehicle.parameter(name) == 3.0
+    assert peer.vehicle.parameter(name) == 30.0
 
 
 # --- streams -------------------------------------------------------------------------------------------
@@ -191,7 +191,7 @@ def test_quick_packing_gives_the_bytes_of_pymavlink(key: bytes | None) -> None:
     attitude = attitude_from_euler(0.1, -0.2, 3.0)
     state = BodyState((1.5, -2.5, 3.0), attitude, (0.1, -0.2, 0.0), (-1.9, 0.3, 0.4), 2.0)
     sample = Sample(1_234_567_000_000, state, Origin(), azimuthal_equidistant)
-    pilot = Px4(VehicleOptions())
+    pilot = Px4Uuv(VehicleOptions())
     quick = [pilot.builders()[common.ID[name]](sample) for name in QUICK]
     for sequence, (name, message) in enumerate(zip(QUICK, quick, strict=True)):
         ours = mavlink.MAVLink(None, 7, 1)
@@ -292,7 +292,7 @@ def test_a_clock_of_signatures_that_was_moved_to_its_end_stays_there() -> None:
     still = (0.0, 0.0, 0.0)
     state = BodyState(still, attitude_from_euler(0.0, 0.0, 0.0), still, still, 0.0)
     sample = Sample(1_000_000, state, Origin(), azimuthal_equidistant)
-    message = Px4(VehicleOptions()).builders()[common.ID[QUICK[0]]](sample)
+    message = Px4Uuv(VehicleOptions()).builders()[common.ID[QUICK[0]]](sample)
     ours = mavlink.MAVLink(None, 1, 1)
     ours.signing.secret_key, ours.signing.sign_outgoing = bytes(32), True
     ours.signing.timestamp = 2**48 + 5

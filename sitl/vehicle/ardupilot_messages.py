@@ -1,4 +1,4 @@
-"""What an ArduPilot rover sends: the stream groups of its first link, and what comes on request."""
+"""What an ArduPilot vehicle sends: the stream groups of its first link, and what comes on request."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.vehicle import telemetry
-from sitl.vehicle.controls import Drive
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.telemetry import Builder
 
 if TYPE_CHECKING:
-    from sitl.vehicle.ardupilot import ArduRover
+    from sitl.vehicle.ardupilot import ArduPilot
 
 #: MAV_DATA_STREAM -> the messages of the group that this vehicle fills. ATTITUDE_QUATERNION is in none.
 STREAM_GROUPS: Final[dict[int, tuple[str, ...]]] = {
@@ -38,15 +37,12 @@ STREAM_PARAMETERS: Final[dict[int, str]] = {
     12: "EXTRA3",
 }
 #: As recorded: 4.7.0-dev, 2598e9d4.
-CAPABILITIES: Final = 0xF1EF
 FLIGHT_SW_VERSION: Final = 0x04070000
 GIT_HASH: Final = list(b"2598e9d4")
-#: SYS_STATUS: sensors present, enabled, and healthy before and after the estimator is ready, as recorded.
-SENSORS: Final = (322034735, 320986159, 51478831, 322034991)
 EKF_FLAGS: Final = (167, 831)
 
 
-def ardupilot_builders(pilot: ArduRover) -> dict[int, Builder]:
+def ardupilot_builders(pilot: ArduPilot) -> dict[int, Builder]:
     """Message id -> what fills it; the mode and arming come from `pilot`."""
     messages = _ArduPilotMessages(pilot)
     ready = pilot.if_ready
@@ -71,7 +67,7 @@ def ardupilot_builders(pilot: ArduRover) -> dict[int, Builder]:
         "SIMSTATE": messages.simstate,
         "SYS_STATUS": messages.sys_status,
     }
-    if Drive not in pilot.gives:  # what flies finds the wind
+    if pilot.finds_wind:
         special["WIND"] = ready(telemetry.wind)
     return telemetry.builders(pilot, special)
 
@@ -79,14 +75,14 @@ def ardupilot_builders(pilot: ArduRover) -> dict[int, Builder]:
 class _ArduPilotMessages:
     """Messages that show what the firmware is doing, and its own dialect's."""
 
-    def __init__(self, pilot: ArduRover) -> None:
+    def __init__(self, pilot: ArduPilot) -> None:
         self._pilot = pilot
 
     def heartbeat(self, _: Sample) -> Any:
-        """HEARTBEAT of a ground rover under ArduPilot."""
+        """HEARTBEAT under ArduPilot."""
         pilot = self._pilot
         return mavlink.MAVLink_heartbeat_message(
-            10, 3, pilot.base_mode(), pilot.custom_mode, pilot.system_status(), 3
+            pilot.mav_type, 3, pilot.base_mode(), pilot.custom_mode, pilot.system_status(), 3
         )
 
     def global_position_int(self, s: Sample) -> Any:
@@ -103,7 +99,7 @@ class _ArduPilotMessages:
 
     def sys_status(self, _: Sample) -> Any:
         """SYS_STATUS."""
-        present, enabled, unready, healthy = SENSORS
+        present, enabled, unready, healthy = self._pilot.sensors
         health = healthy if self._pilot.estimator_ready else unready
         return mavlink.MAVLink_sys_status_message(
             present, enabled, health, 0, 12600, 0, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0
@@ -175,9 +171,9 @@ class _ArduPilotMessages:
 
     def autopilot_version(self, _: Sample) -> Any:
         """AUTOPILOT_VERSION as recorded, with an identity of its own."""
-        uid2 = list(b"built-in rover\0\0\0\0")
+        uid2 = list(f"built-in {self._pilot.title}".encode().ljust(18, b"\0"))
         return mavlink.MAVLink_autopilot_version_message(
-            CAPABILITIES, FLIGHT_SW_VERSION, 0, 0, 0, GIT_HASH, [0] * 8, [0] * 8, 0, 0, 0, uid2
+            self._pilot.capabilities, FLIGHT_SW_VERSION, 0, 0, 0, GIT_HASH, [0] * 8, [0] * 8, 0, 0, 0, uid2
         )
 
 

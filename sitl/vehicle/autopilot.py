@@ -13,6 +13,7 @@ from sitl.vehicle import telemetry
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.command import (
     ACCEPTED,
+    COMMANDS,
     DENIED,
     FAILED,
     FORCE,
@@ -30,18 +31,6 @@ from sitl.vehicle.telemetry import ID, Builder
 
 STATUSTEXT_LENGTH: Final = 50
 
-#: Command -> the method that carries it out.
-COMMANDS: Final[Mapping[int, str]] = {
-    176: "_do_set_mode",
-    179: "_do_set_home",
-    246: "_reboot_shutdown",
-    400: "_arm_disarm",
-    410: "_get_home",
-    510: "_get_message_interval",
-    511: "_set_message_interval",
-    512: "_request_message",
-    520: "_request_capabilities",
-}
 #: Message type -> the method that obeys it.
 HANDLERS: Final[Mapping[str, str]] = {
     "COMMAND_LONG": "_on_command",
@@ -92,6 +81,7 @@ class Autopilot(ABC):
         self.ignored: dict[str, int] = {}
         self.now_ns = self._started_ns = 0
         self.sample: Sample | None = None
+        self.body: BodyState | None = None
         self._held: list[Any] | None = None
         self._builders = {i: build for i, build in self.builders().items() if i not in self._unknown()}
         self.withheld: set[int] = set()  # known, accepted when asked for, and not sent
@@ -178,6 +168,7 @@ class Autopilot(ABC):
 
     def command(self, state: BodyState) -> Control:
         """What the body is told until the next wake or message."""
+        self.body = state
         return self.demand(state) if self.armed else self.idle
 
     def stream(self, message_ids: list[int], sample: Sample) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 ACCEPTED: Final = 0
@@ -15,6 +16,19 @@ FAILED: Final = 4
 FORCE: Final = 21196
 #: The bit of HEARTBEAT.base_mode that says so.
 ARMED: Final = 128
+
+#: Command -> the method that carries it out.
+COMMANDS: Final[Mapping[int, str]] = {
+    176: "_do_set_mode",
+    179: "_do_set_home",
+    246: "_reboot_shutdown",
+    400: "_arm_disarm",
+    410: "_get_home",
+    510: "_get_message_interval",
+    511: "_set_message_interval",
+    512: "_request_message",
+    520: "_request_capabilities",
+}
 
 
 class Command(NamedTuple):

@@ -19,7 +19,25 @@ class Firmware(StrEnum):
     """Whose manners the vehicle has."""
 
     PX4_UUV = "px4-uuv"
+    PX4_PLANE = "px4-plane"
     ARDUPILOT_ROVER = "ardupilot-rover"
+    ARDUPILOT_PLANE = "ardupilot-plane"
+
+    @property
+    def flies(self) -> bool:
+        """Whether its vehicle takes off and lands."""
+        return self.endswith(("-plane", "-copter"))
+
+
+#: The body behind a firmware whose options name none.
+DEFAULT_MODELS: Final[Mapping[Firmware, str]] = {
+    Firmware.PX4_UUV: IDEAL,
+    Firmware.PX4_PLANE: "airplane",
+    Firmware.ARDUPILOT_ROVER: IDEAL,
+    Firmware.ARDUPILOT_PLANE: "airplane",
+}
+#: Height at which an airborne vehicle starts, m.
+AIRBORNE_M: Final = 60.0
 
 
 class Origin(NamedTuple):
@@ -51,7 +69,9 @@ class VehicleOptions:
     """Everything that can be chosen; the defaults are the paper's start and a plant without lags.
 
     `model` is the body behind the firmware: "ideal" (made as `plant` says), one of `sitl.models`, or a TOML
-    file; an airplane starts in the air at `initial_speed_m_s` (of the air; 0: on the ground), others at rest.
+    file; without one, what fits the firmware. It starts at rest, what flies on the ground; `airborne`, it
+    starts armed at 60 m in the mode that circles or stands. An airplane whose position is above the ground
+    starts at `initial_speed_m_s` of the air, by default 1.5 times its stall speed.
     `wind_ned_m_s` is steady, `gusts_m_s` the level sigma of turbulence about it, for airplanes.
 
     `clock_drift_ppm` makes the vehicle's clock fast (positive) or slow against `now_ns`; the plant moves in
@@ -69,7 +89,7 @@ class VehicleOptions:
     firmware: Firmware = Firmware.PX4_UUV
     system_id: int = 1
     component_id: int = 1
-    model: str = IDEAL
+    model: str = ""
     plant: PlantParameters = field(default_factory=PlantParameters)
     wind_ned_m_s: Triple = (0.0, 0.0, 0.0)
     gusts_m_s: float = 0.0
@@ -78,6 +98,7 @@ class VehicleOptions:
     initial_speed_m_s: float | None = None
     initial_mode: str | None = None
     initially_armed: bool = False
+    airborne: bool = False
     origin: Origin = field(default_factory=Origin)
     speed_at_full_thrust_m_s: float = 5.0
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -93,6 +114,10 @@ class VehicleOptions:
     signing_key: bytes = field(default=b"", repr=False)
 
     def __post_init__(self) -> None:
+        if not self.model:
+            object.__setattr__(self, "model", DEFAULT_MODELS[self.firmware])
+        if self.airborne and not self.firmware.flies:
+            raise ValueError(f"{self.firmware} does not fly: airborne must be false")
         if len(self.signing_key) not in (0, 32):
             raise ValueError(f"signing_key must have 32 bytes, not {len(self.signing_key)}")
         for name in ("system_id", "component_id"):
@@ -133,10 +158,12 @@ class VehicleOptions:
             raise ValueError("initial position, yaw, wind and origin must be finite")
 
     def start_position_ned_m(self) -> Triple:
-        """The chosen position; else the paper's x(0) of section 4, on the ground for a rover."""
+        """The chosen position; else over the paper's x(0) of section 4, which only a submarine begins at."""
         if self.initial_position_ned_m is not None:
             return self.initial_position_ned_m
-        return (-10.0, -30.0, 0.0 if self.firmware.endswith("-rover") else -5.0)
+        if self.airborne:
+            return (-10.0, -30.0, -AIRBORNE_M)
+        return (-10.0, -30.0, -5.0 if self.firmware is Firmware.PX4_UUV else 0.0)
 
     def start_attitude_wxyz(self) -> Wxyz:
         """Level, at the initial yaw."""

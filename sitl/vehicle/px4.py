@@ -1,23 +1,31 @@
-"""PX4's manners as a UUV: OFFBOARD with its proof of life and failsafe, body rates and thrust along +x.
+"""PX4's manners, whatever the vehicle: modes, OFFBOARD with its proof of life, failsafe, arming, answers.
 
-After PX4 main of 2025-08: `mavlink_receiver.cpp` (SET_ATTITUDE_TARGET), `Commander.cpp` and
-`UserModeIntention.cpp` (modes, arming), `RoverLandDetector` (a UUV uses it: armed is not landed), and the
-recorded flights of PX4 1.16.
+After PX4 main of 2025-08: `mavlink_receiver.cpp` (setpoints), `Commander.cpp` and `UserModeIntention.cpp`
+(modes, arming), and the recorded flights of PX4 1.16. What a setpoint becomes and what flies in the other
+modes, a vehicle class says: `px4_uuv`, `px4_plane`, `px4_copter`, `px4_rover`.
 """
 
 from __future__ import annotations
 
-import math
+from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sitl.plant import STOP, PlantCommand, Triple, Wxyz
-from sitl.vehicle.autopilot import COMMANDS, HANDLERS, STATUSTEXT_LENGTH, Autopilot
+from sitl.plant import Wxyz
+from sitl.vehicle.autopilot import HANDLERS, STATUSTEXT_LENGTH, Autopilot
 from sitl.vehicle.body import BodyState
-from sitl.vehicle.command import ACCEPTED, ARMED, DENIED, FAILED, TEMPORARILY_REJECTED, Command
+from sitl.vehicle.command import (
+    ACCEPTED,
+    ARMED,
+    COMMANDS,
+    DENIED,
+    FAILED,
+    TEMPORARILY_REJECTED,
+    Command,
+)
 from sitl.vehicle.controls import Control
-from sitl.vehicle.parameter_set import INT32, Parameter
 from sitl.vehicle.px4_messages import STREAM_RATES_HZ, px4_builders
 from sitl.vehicle.px4_modes import (
     AUTO,
@@ -30,48 +38,26 @@ from sitl.vehicle.px4_modes import (
     OFFBOARD,
     custom,
 )
+from sitl.vehicle.px4_targets import Target, attitude_target, trajectory_target
 from sitl.vehicle.telemetry import ID, Builder
 
 #: The commander looks at the offboard stream this often.
 COMMANDER_NS: Final = 100_000_000
 
-IGNORE_ROLL_RATE: Final = 1
-IGNORE_PITCH_RATE: Final = 2
-IGNORE_YAW_RATE: Final = 4
-IGNORE_THROTTLE: Final = 64
-IGNORE_ATTITUDE: Final = 128
+LANDED_ON_GROUND: Final = 1
+LANDED_IN_AIR: Final = 2
+LANDED_TAKEOFF: Final = 3
+LANDED_LANDING: Final = 4
 
 
 class Px4(Autopilot):
-    """A PX4 submarine on its onboard link."""
+    """A PX4 vehicle on its onboard link."""
 
-    idle: ClassVar[Control] = STOP
-    gives: ClassVar[tuple[type, ...]] = (PlantCommand,)
-    parameter_defaults: ClassVar = {
-        "COM_ARM_HFLT_CHK": Parameter(0, INT32),
-        "COM_DISARM_LAND": Parameter(2.0),
-        "COM_DISARM_PRFLT": Parameter(-1.0),
-        "COM_OBL_RC_ACT": Parameter(0, INT32),
-        "COM_OF_LOSS_T": Parameter(1.0),
-        "COM_RCL_EXCEPT": Parameter(4, INT32),
-        "COM_RC_IN_MODE": Parameter(4, INT32),
-        "COM_RC_LOSS_T": Parameter(0.5),
-        "MAV_COMP_ID": Parameter(1, INT32),
-        "MAV_FWDEXTSP": Parameter(1, INT32),
-        "MAV_HASH_CHK_EN": Parameter(1, INT32),
-        "MAV_HB_FORW_EN": Parameter(1, INT32),
-        "MAV_PROTO_VER": Parameter(2, INT32),
-        "MAV_SYS_ID": Parameter(1, INT32),
-        "MAV_TYPE": Parameter(12, INT32),
-        "MIS_TAKEOFF_ALT": Parameter(2.5),
-        "NAV_DLL_ACT": Parameter(0, INT32),
-        "NAV_RCL_ACT": Parameter(2, INT32),
-        "SYS_AUTOCONFIG": Parameter(0, INT32),
-        "SYS_AUTOSTART": Parameter(60000, INT32),
-        "UUV_PITCH_P": Parameter(4.0),
-        "UUV_ROLL_P": Parameter(4.0),
-        "UUV_YAW_P": Parameter(4.0),
-    }
+    sensors: ClassVar[tuple[int, int, int, int]] = (50348077, 50413613, 589334591, 857786431)
+    """Of SYS_STATUS: present, enabled, healthy before and after the estimator is ready, as recorded."""
+    standard_modes: ClassVar[Mapping[int, int]] = {}
+    """custom_mode -> MAV_STANDARD_MODE, beyond those of every vehicle."""
+    finds_wind: ClassVar[bool] = False
     integers_bytewise: ClassVar = True
     batches_datagrams: ClassVar = False
     handlers: ClassVar = {**HANDLERS, "HEARTBEAT": "_on_heartbeat"}
@@ -103,15 +89,41 @@ class Px4(Autopilot):
         self.statustext_id = 0
         self._life_ns: int | None = None
         self._land_since_ns: int | None = None
-        self._clear_setpoint()
+        self.target: Target | None = None
+        self.enter(self.custom_mode)
         # What ATTITUDE_TARGET goes on reporting in rates-only OFFBOARD.
         self.stale_attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)
         self.stale_thrust = 0.0
 
-    def _clear_setpoint(self) -> None:
-        self.wanted_rates: Triple | None = None
-        self._wanted_attitude: Wxyz | None = None
-        self._thrust_x = 0.0
+    # --- what a vehicle class says ----------------------------------------------------------------------
+
+    @abstractmethod
+    def offboard(self, target: Target | None, state: BodyState) -> Control:
+        """What its controllers make of the newest setpoint in OFFBOARD; None: there was none since."""
+
+    @abstractmethod
+    def automatic(self, state: BodyState) -> Control:
+        """What it flies in every other mode, armed."""
+
+    @abstractmethod
+    def period_ns(self) -> int:
+        """How often its controllers look at the body now."""
+
+    def enter(self, mode: int) -> None:
+        """A mode begins to be flown."""
+
+    def progress(self) -> None:
+        """Ten times a second: what ends a mode."""
+
+    @property
+    def landed(self) -> bool:
+        """As its land detector sees it: a vehicle that stays where it is counts as landed in LAND only."""
+        return self.custom_mode == LAND
+
+    @property
+    def landed_state(self) -> int:
+        """EXTENDED_SYS_STATE.landed_state."""
+        return LANDED_IN_AIR if self.armed else LANDED_ON_GROUND
 
     # --- setpoints ------------------------------------------------------------------------------------
 
@@ -122,54 +134,34 @@ class Px4(Autopilot):
         return self._life_ns is not None and self.now_ns < self._life_ns + limit_ns
 
     def _on_set_attitude_target(self, message: Any) -> None:
-        mask = message.type_mask
-        attitude = not mask & IGNORE_ATTITUDE
-        rates = not mask & IGNORE_ROLL_RATE and not mask & IGNORE_PITCH_RATE
-        if not attitude and not rates:
+        target = attitude_target(message)
+        if target is None:
             self.drop("SET_ATTITUDE_TARGET with neither attitude nor roll and pitch rate")
             return
-        self._life_ns = self.now_ns
-        if self.custom_mode != OFFBOARD:
-            return
-        # The receiver passes values on unclamped, an ignored throttle as zero; the actuators saturate.
-        self._thrust_x = 0.0 if mask & IGNORE_THROTTLE else message.thrust
-        yaw_rate = math.nan if mask & IGNORE_YAW_RATE else message.body_yaw_rate
-        if attitude:
-            w, x, y, z = message.q
-            self._wanted_attitude = self.stale_attitude_wxyz = (w, x, y, z)
-            self.stale_thrust = self._thrust_x
-            self.wanted_rates = (0.0, 0.0, yaw_rate)
-        else:
-            self._wanted_attitude = None
-            self.wanted_rates = (message.body_roll_rate, message.body_pitch_rate, yaw_rate)
+        self._take(target)
+        if self.custom_mode == OFFBOARD and target.attitude_wxyz is not None:
+            self.stale_attitude_wxyz, self.stale_thrust = target.attitude_wxyz, target.thrust
 
     def _on_set_position_target_local_ned(self, message: Any) -> None:
-        # Proof of life whatever it says; the plant has no position controller and stands still.
+        yaw_rad = self.sample.euler_rad[2] if self.sample is not None else 0.0
+        try:
+            self._take(trajectory_target(message, yaw_rad))
+        except ValueError as error:
+            self.text(2, str(error))
+
+    def _take(self, target: Target) -> None:
+        """Proof of life whatever the mode; it acts in OFFBOARD only."""
         self._life_ns = self.now_ns
-        self._clear_setpoint()
+        if self.custom_mode == OFFBOARD:
+            self.target = target
 
     def demand(self, state: BodyState) -> Control:
-        if self.custom_mode != OFFBOARD or self.wanted_rates is None:
-            return STOP
-        speed = _finite(self._thrust_x) * self.options.speed_at_full_thrust_m_s
-        # A rate that is not a number reaches no actuator.
-        p, q, r = (_finite(rate) for rate in self.wanted_rates)
-        if self._wanted_attitude is not None:
-            if not all(map(math.isfinite, self._wanted_attitude)):
-                return STOP
-            ep, eq, er = _attitude_error(state.attitude_wxyz, self._wanted_attitude)
-            # PX4's gains are torques per angle; over the kinematic plant they are rates per angle (1/s).
-            gains = self.parameters
-            p, q = gains["UUV_ROLL_P"] * ep, gains["UUV_PITCH_P"] * eq
-            r += gains["UUV_YAW_P"] * er
-        return PlantCommand((p, q, r), speed)
+        return self.offboard(self.target, state) if self.custom_mode == OFFBOARD else self.automatic(state)
 
     # --- the commander --------------------------------------------------------------------------------
 
     def next_wake_ns(self) -> int:
-        period_ns = COMMANDER_NS
-        if self.armed and self.custom_mode == OFFBOARD and self._wanted_attitude is not None:
-            period_ns = self.loop_ms * 1_000_000
+        period_ns = min(self.period_ns(), COMMANDER_NS) if self.armed else COMMANDER_NS
         return (self.now_ns // period_ns + 1) * period_ns
 
     def wake(self) -> None:
@@ -180,14 +172,16 @@ class Px4(Autopilot):
             self.failsafe = True
             self.text(2, "Failsafe activated")
             action = round(self.parameters["COM_OBL_RC_ACT"])
-            self._fly(LOSS_MODES.get(action, LOITER))
+            self.fly(LOSS_MODES.get(action, LOITER))
             if action == 7:
                 self.disarm(forced=True)
         elif self.failsafe and not lost:
             # The intended mode is still OFFBOARD: a stream that resumes takes control back, unasked.
             self.failsafe = False
-            self._fly(self.intended_mode)
-        if self.armed and self.custom_mode == LAND:
+            self.fly(self.intended_mode)
+        if self.armed:
+            self.progress()
+        if self.armed and self.custom_mode == LAND and self.landed:
             self._disarm_after_landing()
         else:
             self._land_since_ns = None
@@ -199,10 +193,12 @@ class Px4(Autopilot):
         if delay_s > 0.0 and self.now_ns - self._land_since_ns >= round(delay_s * 1e9):
             self.disarm(forced=True)
 
-    def _fly(self, mode: int) -> None:
+    def fly(self, mode: int) -> None:
+        """Fly in this mode, whatever was intended."""
         if mode != self.custom_mode:
             self.custom_mode = mode
-            self._clear_setpoint()
+            self.target = None
+            self.enter(mode)
 
     def custom_mode_of(self, command: Command) -> int | None:
         base, main, sub = (command.whole(index) for index in (1, 2, 3))
@@ -241,7 +237,7 @@ class Px4(Autopilot):
             return TEMPORARILY_REJECTED
         self.intended_mode = custom_mode
         self.failsafe = False
-        self._fly(custom_mode)
+        self.fly(custom_mode)
         return ACCEPTED
 
     def _change_mode(self, command: Command) -> int:
@@ -269,12 +265,12 @@ class Px4(Autopilot):
     def disarm(self, *, forced: bool) -> int:
         if not self.armed:
             return ACCEPTED
-        if not forced and self.custom_mode != LAND:
+        if not forced and not self.landed:
             self.text(2, "Disarming denied: not landed")
             return TEMPORARILY_REJECTED
         self.armed = False
         self.failsafe = False
-        self._fly(self.intended_mode)
+        self.fly(self.intended_mode)
         self.text(6, "Disarmed by external command")
         return ACCEPTED
 
@@ -324,22 +320,3 @@ class Px4(Autopilot):
     def _request_message(self, command: Command) -> int:
         message_id = command.whole(1)
         return ACCEPTED if message_id is not None and self.request(message_id) else DENIED
-
-
-def _finite(value: float) -> float:
-    return value if math.isfinite(value) else 0.0
-
-
-def _attitude_error(now: Wxyz, wanted: Wxyz) -> Triple:
-    """Twice the vector part of now^-1 wanted, the short way round: rad in body axes for small errors."""
-    norm = math.sqrt(sum(part * part for part in wanted))
-    if norm < 1e-6:
-        return (0.0, 0.0, 0.0)
-    w, x, y, z = now
-    a, b, c, d = (part / norm for part in wanted)
-    sign = 2.0 if w * a + x * b + y * c + z * d >= 0.0 else -2.0
-    return (
-        sign * (w * b - x * a - y * d + z * c),
-        sign * (w * c + x * d - y * a - z * b),
-        sign * (w * d - x * c + y * b - z * a),
-    )

@@ -1,4 +1,4 @@
-"""What a PX4 submarine sends: every stream of its onboard link that a plant without sensors can fill."""
+"""What a PX4 vehicle sends: every stream of its onboard link that a plant without sensors can fill."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.vehicle import telemetry
-from sitl.vehicle.controls import Attitude
 from sitl.vehicle.frame import FrameType
 from sitl.vehicle.px4_modes import STANDARD_MODES
+from sitl.vehicle.px4_targets import AttitudeTarget
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.telemetry import Builder
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sitl.vehicle.px4 import Px4
 
 #: Rates of MAVLINK_MODE_ONBOARD (`mavlink_main.cpp`), in its order; GPS_RAW_INT comes at the rate of the
-#: receiver, as recorded. Streams that a UUV without those devices never fills are left out.
+#: receiver, as recorded. Streams that a vehicle without those devices never fills are left out.
 STREAM_RATES_HZ: Final = {
     "HEARTBEAT": 1.0,
     "TIMESYNC": 10.0,
@@ -49,8 +49,6 @@ STREAM_RATES_HZ: Final = {
 #: As recorded: 1.16.0 with the capabilities of a vehicle that takes attitude and local position targets.
 CAPABILITIES: Final = 0xE8FF
 FLIGHT_SW_VERSION: Final = 0x011000FF
-#: SYS_STATUS: sensors present, enabled, and healthy before and after the estimator is ready, as recorded.
-SENSORS: Final = (50348077, 50413613, 589334591, 857786431)
 ESTIMATOR_FLAGS: Final = (229, 831)
 #: Pose and velocity covariance: one variance known, the rest not.
 _COVARIANCES: Final = (0.01, *[math.nan] * 20) * 2
@@ -85,7 +83,7 @@ def px4_builders(pilot: Px4) -> dict[int, Builder]:
         "SERVO_OUTPUT_RAW": messages.servo_output_raw,
         "SYS_STATUS": messages.sys_status,
     }
-    if Attitude in pilot.gives:  # an airplane's estimator finds the wind
+    if pilot.finds_wind:
         special["WIND_COV"] = ready(telemetry.wind_cov)
     return telemetry.builders(pilot, special)
 
@@ -117,13 +115,14 @@ class _Px4Messages:
         if status == self._status_shown and not pilot.answering:
             return None
         self._status_shown = status
-        standard = STANDARD_MODES.get(pilot.custom_mode, 0)
+        standard = {**STANDARD_MODES, **pilot.standard_modes}.get(pilot.custom_mode, 0)
         return mavlink.MAVLink_current_mode_message(standard, pilot.custom_mode, pilot.intended_mode)
 
     def attitude_target(self, s: Sample) -> Any:
         """ATTITUDE_TARGET: rates as wanted; q and thrust of the last attitude setpoint, stale without one."""
         pilot = self._pilot
-        rates = pilot.wanted_rates or (0.0, 0.0, 0.0)
+        target = pilot.target
+        rates = target.body_rates_frd_rad_s if isinstance(target, AttitudeTarget) else (0.0, 0.0, 0.0)
         return mavlink.MAVLink_attitude_target_message(
             s.boot_ms, 0, list(pilot.stale_attitude_wxyz), *rates, pilot.stale_thrust
         )
@@ -159,12 +158,12 @@ class _Px4Messages:
         )
 
     def extended_sys_state(self, _: Sample) -> Any:
-        """EXTENDED_SYS_STATE: on the ground while disarmed, in the air (so to speak) while armed."""
-        return mavlink.MAVLink_extended_sys_state_message(0, 2 if self._pilot.armed else 1)
+        """EXTENDED_SYS_STATE."""
+        return mavlink.MAVLink_extended_sys_state_message(0, self._pilot.landed_state)
 
     def sys_status(self, _: Sample) -> Any:
         """SYS_STATUS."""
-        present, enabled, unready, healthy = SENSORS
+        present, enabled, unready, healthy = self._pilot.sensors
         health = healthy if self._pilot.estimator_ready and not self._pilot.failsafe else unready
         return mavlink.MAVLink_sys_status_message(
             present, enabled, health, 85, 16200, -1, 99, 0, 0, 0, 0, 0, 0, 0, 0, 1

@@ -17,7 +17,8 @@ from collections.abc import Hashable
 from typing import Final
 
 from sitl.plant import PlantParameters, Triple
-from sitl.vehicle.ardupilot import ArduRover
+from sitl.vehicle.ardupilot_plane import ArduPlane
+from sitl.vehicle.ardupilot_rover import ArduRover
 from sitl.vehicle.autopilot import Autopilot
 from sitl.vehicle.bodies.ideal import IdealBody
 from sitl.vehicle.bodies.making import body_of, takes
@@ -27,17 +28,22 @@ from sitl.vehicle.controls import WORKING, Drive, Effect
 from sitl.vehicle.estimator import RIGHT, Astray, Estimator
 from sitl.vehicle.options import Firmware, Truth, VehicleOptions
 from sitl.vehicle.projection import Projection, azimuthal_equidistant, equirectangular
-from sitl.vehicle.px4 import Px4
+from sitl.vehicle.px4_plane import Px4Plane
+from sitl.vehicle.px4_uuv import Px4Uuv
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.telemetry import ID
 
 _PILOTS: dict[Firmware, type[Autopilot]] = {
-    Firmware.PX4_UUV: Px4,
+    Firmware.PX4_UUV: Px4Uuv,
+    Firmware.PX4_PLANE: Px4Plane,
     Firmware.ARDUPILOT_ROVER: ArduRover,
+    Firmware.ARDUPILOT_PLANE: ArduPlane,
 }
 _PROJECTIONS: dict[Firmware, Projection] = {
     Firmware.PX4_UUV: azimuthal_equidistant,
+    Firmware.PX4_PLANE: azimuthal_equidistant,
     Firmware.ARDUPILOT_ROVER: equirectangular,
+    Firmware.ARDUPILOT_PLANE: equirectangular,
 }
 #: Who flew it when its parameters were recorded, where others could.
 _RECORDED_WITH: Final = {"airplane_20": "ardupilot"}
@@ -67,7 +73,7 @@ class Vehicle:
         self._state_ns = boot_ns
         self._next_ns = self._next_boot_ns = self._wake_boot_ns = 0
         self._boot(boot_ns, options.clock_offset_ns)
-        if options.initially_armed:
+        if options.initially_armed or options.airborne:
             self._pilot.armed = True
         self._tell()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from sitl.models import airplane, jsbsim_airplane, rover, uuv
+from sitl.models import airplane, copter, jsbsim_airplane, rover, uuv
 from sitl.models.files import JSBSIM_PREFIX, Model, load_model
 from sitl.models.gusts import Wind
 from sitl.plant import PlantParameters, PlantState, Triple
@@ -18,8 +18,7 @@ from sitl.vehicle.options import IDEAL, VehicleOptions
 
 #: Either size by this name: the one that was recorded with the firmware.
 AIRPLANE: Final = "airplane"
-#: Where an airplane begins whose options do not say, m of height and times its stall speed.
-AIRPLANE_HEIGHT_M: Final = 100.0
+#: The speed of an airplane that begins in the air, times its stall speed, if its options do not say.
 AIRPLANE_STALLS: Final = 1.5
 
 _TAKES: Final[dict[type, tuple[type, ...]]] = {
@@ -57,6 +56,8 @@ def body_of(options: VehicleOptions, *, planar: bool, start_ns: int) -> Body:
         return _airplane(options, parameters, start_ns)
     if isinstance(parameters, jsbsim_airplane.Parameters):
         return _jsbsim(options, parameters, start_ns)
+    if isinstance(parameters, copter.Parameters):
+        raise ValueError(f"no firmware flies the model {options.model} yet")
     if isinstance(parameters, uuv.Parameters):
         _refuse(options, wind=True, gusts=True, speed=True)
         return UuvBody(parameters, options.start_position_ned_m(), options.start_attitude_wxyz(), start_ns)
@@ -84,11 +85,10 @@ def _refuse(options: VehicleOptions, *, wind: bool, gusts: bool, speed: bool) ->
 
 
 def _airplane(options: VehicleOptions, parameters: airplane.Parameters, start_ns: int) -> AirplaneBody:
-    position = _in_the_air(options)
-    speed = options.initial_speed_m_s
+    position = options.start_position_ned_m()
+    height, speed = -position[2], options.initial_speed_m_s
     if speed is None:
-        speed = AIRPLANE_STALLS * parameters.stall_m_s
-    height = -position[2]
+        speed = AIRPLANE_STALLS * parameters.stall_m_s if height > 0.0 else 0.0
     if height < 0.0 or (height > 0.0 and speed < parameters.stall_m_s) or (height == 0.0 and speed > 0.0):
         raise ValueError(
             f"the model {options.model} starts above the ground at {parameters.stall_m_s:g} m/s or more, "

@@ -14,7 +14,7 @@ from sitl.vehicle.bodies.jsbsim import JsbsimBody
 from sitl.vehicle.bodies.rover import RoverBody
 from sitl.vehicle.bodies.uuv import UuvBody
 from sitl.vehicle.body import Body
-from sitl.vehicle.options import IDEAL, VehicleOptions
+from sitl.vehicle.options import AIRBORNE_M, IDEAL, VehicleOptions
 
 #: Either size by this name: the one that was recorded with the firmware.
 AIRPLANE: Final = "airplane"
@@ -126,4 +126,4 @@ def _jsbsim(options: VehicleOptions, parameters: jsbsim_airplane.Parameters, sta
 def _in_the_air(options: VehicleOptions) -> Triple:
     """The chosen position, or one high enough to fly."""
     north_m, east_m, down_m = options.start_position_ned_m()
-    return (north_m, east_m, -AIRPLANE_HEIGHT_M if options.initial_position_ned_m is None else down_m)
+    return (north_m, east_m, -AIRBORNE_M if options.initial_position_ned_m is None else down_m)

@@ -23,6 +23,7 @@ from guidance.component import shown
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimator
+from guidance.fitting import Fitting
 from guidance.ground import Ground
 from guidance.guarding import Guards
 from guidance.intake import streams_at, take_state
@@ -92,6 +93,7 @@ class Guide:
         self.dropped_packets = 0  # nor on this
         self._line = LineWatch(self.connection, config.link.rate_hz, wanted)
         self._estimator = Estimator(self.profile.project)
+        self.fitting = Fitting(config, self.profile, self.link, self.tracker)
         self.guards = Guards(config, self.profile, self.link, self.tracker)
         self.steering = Steering(
             config, self.profile, self.connection, self.link, self.tracker, self._estimator, self.guards
@@ -196,6 +198,7 @@ class Guide:
             self._reboots = self.link.reboots
             self._estimator.reset()
             self.guards.rebooted()
+            self.fitting.rebooted()
             self._told.event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
             self._watch_ns = now_ns
         if isinstance(body, StateBody):
@@ -205,6 +208,7 @@ class Guide:
         if stream is not None:
             stream.arrived(now_ns, valid=True)
         self.guards.heard(body)
+        self.fitting.heard(received)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)
@@ -238,7 +242,8 @@ class Guide:
             self._setpoint(now_ns)
             if self.guards.trip is not None:
                 self._supervise(now_ns)
-        self.ground.tick(now_ns)  # behind the setpoint
+        self.ground.tick(now_ns)  # behind the setpoint, as what follows
+        self._told.add(*self.fitting.tick(now_ns, flying=self.engagement.state in _IN_FLIGHT))
         self._told.later(partial(self._tell_periodic, now_ns))
 
     def _tell_packets(self, packets: list[bytes], event: Input) -> None:
@@ -250,12 +255,13 @@ class Guide:
             self._told.event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self.steering.basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
-        blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
+        unfit = self.fitting.unmet
+        blocked = first_unmet(
+            self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging, unfit
+        )
         self.guards.look(estimate, self.engagement.state, now_ns)
-        mode_age_s = None
-        if (modes := self.link.streams.get("CURRENT_MODE")) is not None:
-            mode_age_s = modes.status(now_ns).age_s
-        mode_ns = None if mode_age_s is None else now_ns - round(mode_age_s * 1e9)
+        modes = self.link.streams.get("CURRENT_MODE")
+        mode_ns = None if modes is None else modes.last_ns
         self.engagement.contact.look(
             self.link.received, self.link.heartbeat_ns, mode_ns, now_ns, self.link.custom_mode
         )
@@ -337,6 +343,7 @@ class Guide:
         """An order was carried out or refused; what was set holds from here on."""
         self.config = self.orders.config
         self.guards.reconfigure(self.config)
+        self.fitting.reconfigure(self.config)
         self._watch_ns = answer.t_ns
         self._told.tell(event)
         self._told.add(answer)

@@ -225,6 +225,20 @@ class Link(Record, frozen=True, kw_only=True):
     capacity_bytes_per_s: float | None = None
 
 
+class Parameters(Record, frozen=True, kw_only=True):
+    """What the autopilot's parameters are, by the names and in the units of its own, once they were read and
+    whenever one has changed.
+
+    Those `used` shape the setpoints, the others are only looked at; `absent` ones it does not have. `unmet`
+    is why the vehicle is not flown with them.
+    """
+
+    values: dict[str, float]
+    used: tuple[str, ...]
+    absent: tuple[str, ...]
+    unmet: str
+
+
 class Timing(Record, frozen=True, kw_only=True):
     """Lateness of the control loop: from the instant that a setpoint became due to the tick that sent it.
 
@@ -293,6 +307,7 @@ TOPICS: Final[dict[type[Record], str]] = {
     GroundHandling: "ground",
     Status: "status",
     Link: "link",
+    Parameters: "parameters",
     Timing: "timing",
     Event: "event",
     Answer: "answers",

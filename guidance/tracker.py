@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from guidance.blending import (
@@ -18,6 +19,7 @@ from guidance.blending import (
 )
 from guidance.config import Config
 from guidance.estimate import Estimate
+from guidance.feasibility import infeasible
 from guidance.flying import Flown
 from guidance.flying.choice import handler_of
 from guidance.law import Evaluation, planar
@@ -138,6 +140,27 @@ class Tracker:
         self._config = config
         self._trajectory = config.trajectory
         self.handler.configure(config, self.origin_ned_m or ZERO, self.allocation)
+
+    def fit(self, values: Mapping[str, float]) -> str | None:
+        """What the autopilot's parameters say of the vehicle holds from here on; or why it must not be flown
+        with them. They are by their newest names, in their units, and each by itself plausible."""
+        self.full_thrust(values)
+        name = self._profile.full_thrust_parameter
+        if name in values:
+            config, full_m_s = self._config, values[name]
+            problems = infeasible(
+                config.trajectory, config.limits, config.law, full_m_s, self._profile.planar
+            )
+            for problem in problems:
+                if problem.key.startswith("trajectory."):
+                    return f"with {name} = {full_m_s:g} of the autopilot: {problem.key}{problem.text}"
+        return self.handler.fit(values)
+
+    def full_thrust(self, values: Mapping[str, float]) -> None:
+        """Thrust 1 asks for the autopilot's own speed where it has one, whatever the configuration says."""
+        self._speed_at_full_thrust_m_s = values.get(
+            self._profile.full_thrust_parameter, self._config.vehicle.speed_at_full_thrust_m_s
+        )
 
     def allocate(self, name: str) -> str | None:
         """Turn with these actuators from now on, in whatever flight; or why that is refused."""

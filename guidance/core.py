@@ -242,8 +242,7 @@ class Guide:
             self._setpoint(now_ns)
             if self.guards.trip is not None:
                 self._supervise(now_ns)
-        self.ground.tick(now_ns)  # behind the setpoint, as what follows
-        self._told.add(*self.fitting.tick(now_ns, flying=self.engagement.state in _IN_FLIGHT))
+        self.ground.tick(now_ns)  # behind the setpoint
         self._told.later(partial(self._tell_periodic, now_ns))
 
     def _tell_packets(self, packets: list[bytes], event: Input) -> None:
@@ -255,6 +254,7 @@ class Guide:
             self._told.event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self.steering.basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
+        self._told.add(*self.fitting.look(now_ns, flying=self.engagement.state in _IN_FLIGHT))
         unfit = self.fitting.unmet
         blocked = first_unmet(
             self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging, unfit

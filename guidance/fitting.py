@@ -1,7 +1,7 @@
 """The autopilot's own parameters: read at the start, judged, and handed to what flies.
 
-They are asked for a few at a time, behind the setpoints and never in flight, anew after a reboot; what
-somebody else changes is heard of. Nobody may engage before those that the flight needs are known and fit.
+They are asked for a few at a time and never in flight, anew after a reboot; what somebody else changes is heard
+of. Nobody may engage before those that the flight needs are known and fit.
 
 In flight a change is told and otherwise waits for the flight's end, lest limits jump under a manoeuvre: all
 but the speed of full thrust, which the autopilot follows at once, and the speeds asked for with it.
@@ -27,6 +27,9 @@ ROUND_NS: Final = 100_000_000
 #: Engaging waits no longer than this for what a flight does not need and is slow to come, or absent.
 PATIENCE_NS: Final = 2_000_000_000
 
+#: Between two looks in flight: who changes one over and over fills nobody's log.
+CALM_NS: Final = 500_000_000
+
 _LOOP_RATE: Final = "SCHED_LOOP_RATE"
 _READING: Final = "the autopilot's parameters are being read"
 
@@ -50,6 +53,7 @@ class Fitting:
         )
         self._first_ns: int | None = None
         self._round_ns = 0
+        self._calm_ns = 0
         self._judge = True
         self._fitted = False
         self._changed: dict[str, None] = {}
@@ -74,8 +78,8 @@ class Fitting:
             else:
                 self._link.counters[f"{received.name}:not_finite"] += 1
 
-    def tick(self, now_ns: int, *, flying: bool) -> list[Record]:
-        """Ask for what is missing; what there is to tell. The core comes round often enough."""
+    def look(self, now_ns: int, *, flying: bool) -> list[Record]:
+        """Ask for what is missing; what there is to tell. To be called before `unmet` is believed."""
         if self._link.heartbeat is None or not self._profile.fits(self._link.heartbeat):
             return []
         if not flying and now_ns >= self._round_ns:
@@ -84,7 +88,10 @@ class Fitting:
             return []
         if not flying:
             return self._fit(now_ns)
-        return self._in_flight(now_ns) if self._changed else []
+        if not self._changed or now_ns < self._calm_ns:
+            return []
+        self._calm_ns = now_ns + CALM_NS
+        return self._in_flight(now_ns)
 
     def _ask(self, now_ns: int) -> None:
         self._first_ns = now_ns if self._first_ns is None else self._first_ns

@@ -9,13 +9,10 @@ from typing import Final
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from guidance.commands import LoadTrajectory
+from guidance.commands import Engage, LoadTrajectory
 from guidance.fitting import PATIENCE_NS, ROUND_NS
-from guidance.flying.rates import Rates
-from guidance.mavlink.air import VfrHud, Wind, WindCov
-from guidance.mavlink.messages import Body
 from guidance.mavlink.profiles import PROFILES
-from guidance.records import Packet, Parameters, Setpoint, StreamStatus
+from guidance.records import Packet, Parameters, Setpoint
 from guidance.replay import replay
 from guidance.supervisor import State
 from sitl.lockstep import Channel, Lockstep
@@ -255,7 +252,9 @@ def test_a_trajectory_that_is_loaded_is_held_against_them() -> None:
     fly_until(flight, State.READY)
     fast = LoadTrajectory(trajectory={"name": "circle", "radius_m": 10.0, "speed_m_s": 3.0})
     flight.guide.command(fast, flight.now_ns)
+    flight.guide.command(Engage(), flight.now_ns)
     flight.run(0.5)
+    assert not flight.setpoint_times_ns
     assert state_of(flight) is State.CONNECTED
     assert "it moves at 3 m/s, and the vehicle at most at 2" in flight.guide.engagement.reason
 
@@ -300,51 +299,11 @@ def test_a_flight_with_changes_replays_to_the_bit(tmp_path: Path) -> None:
     assert (found.identical, found.difference) == (True, None)
 
 
-class Listening(Rates):
-    """Keeps what it hears."""
-
-    def __init__(self) -> None:
-        super().__init__(make_config(), planar=False)
-        self.bodies: list[Body] = []
-
-    def heard(self, body: Body) -> None:
-        self.bodies.append(body)
-
-
-def test_airspeed_and_wind_reach_what_flies_and_nothing_else_does() -> None:
-    flight = make_flight()
+def test_who_changes_one_over_and_over_fills_no_log() -> None:
+    flight = rover()
     fly_until_tracking(flight)
-    handler = flight.guide.tracker.handler = Listening()
-    sender = Sender()
-    sender.sequence = (flight.guide.link.sequence.newest or 0) + 1
-    for message in (
-        mavlink.MAVLink_vfr_hud_message(12.5, 11.0, 90, 40, 100.0, 0.5),
-        mavlink.MAVLink_wind_message(270.0, 5.0, -0.25),
-        mavlink.MAVLink_wind_cov_message(0, 3.0, -4.0, 0.5, 0, 0, 0, 0, 0),
-        mavlink.MAVLink_vfr_hud_message(float("nan"), 11.0, 90, 40, 100.0, 0.5),
-        mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, 50, 0, 0, 0, 0, 0, 0),
-    ):
-        flight.inject(sender.pack(message))
-    assert handler.bodies == [VfrHud(12.5), Wind(270.0, 5.0, -0.25), WindCov(3.0, -4.0, 0.5)]
-    assert flight.guide.link.counters["VFR_HUD:not_finite"] == 1
-
-
-@pytest.mark.parametrize(
-    ("loop_hz", "granted"), [(50, 40.0), (55, 1000.0 / 23.0), (200, 50.0)], ids=["50", "55", "200"]
-)
-def test_the_highest_rate_that_is_granted_is_asked_for_and_told(loop_hz: int, granted: float) -> None:
-    flight = rover("link.rate_hz=50", SCHED_LOOP_RATE=loop_hz)
-    fly_until_tracking(flight)
-    flight.run(5.0)
-    stream = flight.guide.link.streams["ATTITUDE_QUATERNION"]
-    assert stream.asked_hz == granted
-    status: StreamStatus = stream.status(flight.now_ns)
-    assert status.rate_hz == pytest.approx(granted, rel=0.15)
-    told = events_of(flight, "parameter")
-    if granted == 50.0:
-        assert not told
-    else:
-        assert told[0].startswith(
-            f"SCHED_LOOP_RATE = {loop_hz} Hz, needs at least 62.5 for link.rate_hz = 50: "
-            f"set SCHED_LOOP_RATE to at least 62.5, or link.rate_hz = {0.8 * loop_hz:g}: "
-        )
+    since_ns = flight.now_ns
+    for number in range(200):
+        set_parameter(flight, "ATC_ACCEL_MAX", float(1 + number % 2))
+        flight.run(0.02)
+    assert 3 <= len(events_of(flight, "parameter_changed", since_ns)) <= 9

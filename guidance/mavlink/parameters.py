@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Mapping
+from math import isnan
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -71,7 +72,7 @@ class ParameterReader:
         before = self.values.get(name)
         self.values[name] = value
         self._asked_ns.pop(name, None)
-        return value != before
+        return value != before and not (before is not None and isnan(value) and isnan(before))
 
     def again(self, names: Iterable[str]) -> None:
         """Ask for these as if they had never been asked for."""

@@ -1,7 +1,7 @@
 """The autopilot's own parameters: read at the start, judged, and handed to what flies.
 
-They are asked for a few at a time and never in flight, anew after a reboot; what somebody else changes is heard
-of. Nobody may engage before those that the flight needs are known and fit.
+They are asked for a few at a time and never in flight, anew after a reboot; what somebody else changes is
+heard of. Nobody may engage before those that the flight needs are known and fit.
 
 In flight a change is told and otherwise waits for the flight's end, lest limits jump under a manoeuvre: all
 but the speed of full thrust, which the autopilot follows at once, and the speeds asked for with it.

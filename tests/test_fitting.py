@@ -145,7 +145,10 @@ def test_a_missing_one_is_refused_by_name_and_asked_for_again_until_it_comes() -
 def test_one_that_no_flight_needs_delays_for_two_seconds_at_most() -> None:
     flight = rover()
     flight.on_the_way = lambda data, _: () if b"TURN_RADIUS" in data else (data,)
-    fly_until_tracking(flight, 1.0 + PATIENCE_NS / SECOND + 0.2)
+    assert flight.run(PATIENCE_NS / SECOND + 0.3, until=lambda: bool(flight.setpoint_times_ns))
+    engaged_ns = flight.now_ns
+    flight.run(2.0)
+    assert not questions(flight, engaged_ns)
     (record,) = records_of(flight, Parameters)
     assert record.absent == ("TURN_RADIUS",)
 

@@ -58,7 +58,7 @@ def test_the_highest_rate_that_is_granted_is_asked_for_and_told(loop_hz: int, gr
     stream = flight.guide.link.streams["ATTITUDE_QUATERNION"]
     assert stream.asked_hz == granted
     status: StreamStatus = stream.status(flight.now_ns)
-    assert status.rate_hz == pytest.approx(granted, rel=0.15)
+    assert status.rate_hz == pytest.approx(granted, rel=0.05)
     told = events_of(flight, "parameter")
     if granted == 50.0:
         assert not told

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from guidance.abilities import GroundAbilities
 from guidance.blending import (
     NO_OFFSET,
     NO_TURN,
@@ -19,7 +20,7 @@ from guidance.blending import (
 )
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.feasibility import infeasible
+from guidance.feasibility import abilities_of, unflyable, within_autopilot
 from guidance.flying import Flown
 from guidance.flying.choice import handler_of
 from guidance.law import Evaluation, planar
@@ -145,15 +146,13 @@ class Tracker:
         """What the autopilot's parameters say of the vehicle holds from here on; or why it must not be flown
         with them. They are by their newest names, in their units, and each by itself plausible."""
         self.full_thrust(values)
-        name = self._profile.full_thrust_parameter
+        config, name = self._config, self._profile.full_thrust_parameter
         if name in values:
-            config, full_m_s = self._config, values[name]
-            problems = infeasible(
-                config.trajectory, config.limits, config.law, full_m_s, self._profile.planar
-            )
-            for problem in problems:
-                if problem.key.startswith("trajectory."):
-                    return f"with {name} = {full_m_s:g} of the autopilot: {problem.key}{problem.text}"
+            known = values if config.ground.enabled else {name: values[name]}
+            own = abilities_of(config.limits, config.law, math.inf, self._profile.planar, config.ground)
+            if isinstance(own, GroundAbilities):
+                for problem in unflyable(config.trajectory, within_autopilot(own, known)):
+                    return f"{problem.key}{problem.text}"
         return self.handler.fit(values)
 
     def full_thrust(self, values: Mapping[str, float]) -> None:

@@ -114,8 +114,8 @@ def test_the_rover_engages_as_fast_as_before() -> None:
         (400.0, "WP_SPEED = 400 m/s, which cannot be: 0.1 to 50 may: "),
         (
             0.5,
-            'with WP_SPEED = 0.5 of the autopilot: trajectory.name = "circle": it moves at 1 m/s, and the '
-            "vehicle at most at 0.5",
+            'trajectory.name = "circle": speed: 1 m/s needed at t = 0 s (north 10 m, east 0 m), 0.5 m/s '
+            "available (WP_SPEED 0.5): fly at most 0.5 m/s there",
         ),
     ],
 )
@@ -259,7 +259,9 @@ def test_a_trajectory_that_is_loaded_is_held_against_them() -> None:
     flight.run(0.5)
     assert not flight.setpoint_times_ns
     assert state_of(flight) is State.CONNECTED
-    assert "it moves at 3 m/s, and the vehicle at most at 2" in flight.guide.engagement.reason
+    assert "speed: 3 m/s needed at t = 0 s (north 10 m, east 0 m), 2 m/s available (WP_SPEED 2)" in (
+        flight.guide.engagement.reason
+    )
 
 
 @pytest.mark.parametrize(

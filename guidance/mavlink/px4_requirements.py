@@ -120,7 +120,7 @@ PX4_COPTER: Final = (
         plausible=(1.0, 2000.0),
         used=True,
     ),
-    Requirement("MPC_YAWRAUTO_MAX", "", unit="deg/s"),
+    _limit("MPC_YAWRAUTO_MAX", "its heading turns no faster by itself", "deg/s", (1.0, 2000.0)),
 )
 
 PX4_ROVER: Final = (

@@ -90,6 +90,8 @@ PX4_PLANE: Final = (
     ),
 )
 
+_VELOCITY_GAINS: Final = tuple(f"MPC_{axis}_VEL_{gain}_ACC" for axis in ("XY", "Z") for gain in "PID")
+
 PX4_COPTER: Final = (
     *PX4_OFFBOARD,
     Requirement(
@@ -120,6 +122,7 @@ PX4_COPTER: Final = (
         plausible=(1.0, 2000.0),
         used=True,
     ),
+    *(_limit(name, "with this gain it follows a velocity", "", (0.0, 20.0)) for name in _VELOCITY_GAINS),
     _limit("MPC_YAWRAUTO_MAX", "its heading turns no faster by itself", "deg/s", (1.0, 2000.0)),
 )
 
@@ -137,6 +140,8 @@ PX4_ROVER: Final = (
         used=True,
     ),
     Requirement("RO_MAX_THR_SPEED", "", unit="m/s"),
+    _limit("RO_SPEED_P", "with this gain it follows a speed", "", (0.0, 100.0)),
+    _limit("RO_YAW_P", "with this gain it turns to a bearing", "1/s", (0.01, 100.0)),
     _limit("RO_ACCEL_LIM", "it gains speed no faster", "m/s^2", (0.01, 100.0))._replace(
         zero_is_no_limit=True
     ),

@@ -2,7 +2,7 @@
 
 Flight mechanics and three rules make the rest:
 
-- thrust A and drag D per mass from throttle and climb: A (1 - u_c) = g climb/V and D(V) = A u_c at the cruise;
+- thrust A and drag D per mass from throttle and climb at the cruise: A (1 - u) = g climb/V and D = A u;
 - the angle of attack K n/V^2 from the least airspeed, at which it is `ALPHA_AT_LEAST_RAD` above that of no
   lift;
 - each loop is as quick as the one inside it allows: turn and throttle by their lags, the field by both, the
@@ -15,7 +15,7 @@ of a table of figures that was made with numbers set by hand.
 
 from __future__ import annotations
 
-from math import cos, inf, isfinite, pi, radians, tan
+from math import cos, inf, isnan, pi, radians, tan
 from typing import Final, NamedTuple
 
 from guidance.handling import (
@@ -33,6 +33,8 @@ from guidance.handling.airplane_bank import GRAVITY_M_S2
 ALPHA_AT_LEAST_RAD: Final = 0.15
 #: Of the drag at cruise, the part that comes of the lift.
 INDUCED_PART: Final = 0.2
+#: No bank is as steep as this.
+BANK_RAD: Final = radians(80.0)
 #: The quickest that is asked for (1/s), however short the lags: turn, throttle, field, and its vertical.
 TURN_PER_S: Final = 1.8
 THROTTLE_PER_S: Final = 3.0
@@ -43,19 +45,17 @@ FIELD_UP_PER_S: Final = 0.8
 class Airframe(NamedTuple):
     """What `handling` is made from, and where PX4 and ArduPlane have it. Airspeeds are true ones.
 
-    | field | | PX4 | ArduPlane |
-    | --- | --- | --- | --- |
-    | `airspeed_*_m_s` | envelope and cruise | FW_AIRSPD_MIN, TRIM, MAX | AIRSPEED_MIN, CRUISE, MAX |
-    | `climb_max_m_s`, `sink_max_m_s` | asked for at most | FW_T_CLMB_MAX, FW_T_SINK_MAX | TECS_CLMB_MAX, TECS_SINK_MAX |
-    | `climb_full_m_s` | of full throttle at the cruise | FW_T_CLMB_MAX | TECS_CLMB_MAX |
-    | `throttle_cruise` | of level flight there | FW_THR_TRIM | TRIM_THROTTLE / 100 |
-    | `bank_max_rad` | greatest bank | FW_R_LIM | ROLL_LIMIT_DEG |
-    | `pitch_cruise_rad` | of level flight at the cruise | FW_PSP_OFF | PTCH_TRIM_DEG |
-    | `pitch_*_rad` | limits | FW_P_LIM_MIN, MAX | PTCH_LIM_MIN_DEG, MAX_DEG |
-    | `roll_rate_rad_s` | how fast the bank can change | FW_R_RMAX | RLL2SRV_RMAX (0: none) |
-    | `lag_s` | from demand to bank or pitch, delay and lags in all | FW_R_TC | RLL2SRV_TCONST |
-    | `throttle_lag_s` | from demand to thrust | | |
-    | `floor_down_m` | least height, NED | | |
+    `airspeed_*_m_s`: the envelope (PX4: FW_AIRSPD_MIN, TRIM, MAX; ArduPlane: AIRSPEED_MIN, CRUISE, MAX).
+    `climb_max_m_s`, `sink_max_m_s`: asked for at most (FW_T_CLMB_MAX, FW_T_SINK_MAX; TECS_CLMB_MAX,
+    TECS_SINK_MAX). `climb_full_m_s`: that of full throttle at the cruise (FW_T_CLMB_MAX; TECS_CLMB_MAX).
+    `throttle_cruise`, `pitch_cruise_rad`: of level flight at the cruise (FW_THR_TRIM, FW_PSP_OFF;
+    TRIM_THROTTLE, PTCH_TRIM_DEG). `bank_max_rad`: FW_R_LIM; ROLL_LIMIT_DEG. `pitch_*_rad`: FW_P_LIM_MIN, MAX;
+    PTCH_LIM_MIN_DEG, MAX_DEG. `roll_rate_rad_s`: how fast the bank can change (FW_R_RMAX; RLL2SRV_RMAX, where
+    0 is none).
+
+    `lag_s` is the time from a demand to bank or pitch, delay and lags together, `throttle_lag_s` from a
+    demand to thrust: short for an electric motor, a second and more for a piston engine. `floor_down_m` is
+    the least height, NED.
     """
 
     airspeed_min_m_s: float
@@ -89,7 +89,7 @@ def handling(airframe: Airframe, *, waits: bool = False) -> airplane.Parameters:
     alpha_per_load = ALPHA_AT_LEAST_RAD * f.airspeed_min_m_s * f.airspeed_min_m_s
     rho = min(TURN_PER_S, 0.65 / f.lag_s)
     power = min(THROTTLE_PER_S, 0.65 / f.lag_s, 0.6 / f.throttle_lag_s)
-    k = min(FIELD_PER_S, 0.4 * rho, 0.6 * power)
+    k = min(FIELD_PER_S, 0.45 * rho, 0.6 * power)
     return airplane.Parameters(
         k_per_s=k,
         k_up_per_s=min(FIELD_UP_PER_S, 0.6 * rho),
@@ -130,17 +130,20 @@ def handling(airframe: Airframe, *, waits: bool = False) -> airplane.Parameters:
             highest=1.0,
         ),
         wind=airplane_wind.Parameters(along_per_s=0.3, across_per_s=0.05, given_per_s=0.5, wind_max_m_s=15.0),
-        waiting=patience(v) if waits else waiting.OFF,
+        waiting=patience(v, k) if waits else waiting.OFF,
     )
 
 
-def patience(speed_m_s: float) -> waiting.Parameters:
-    """A waiting clock for an airplane at this speed, whose reference speeds up by 8 m/s^2 at most."""
+def patience(speed_m_s: float, k_per_s: float) -> waiting.Parameters:
+    """A waiting clock for an airplane at this speed, whose reference speeds up by 8 m/s^2 at most.
+
+    The more it follows the airplane, the less it says how fast to fly: no more than what k can hold.
+    """
     v = speed_m_s
     return waiting.Parameters(
         slowest=0.5,
         fastest=1.15,
-        per_m=min(0.35, 7.0 / v),
+        per_m=min(0.35, 7.0 / v, 12.0 * k_per_s / v),
         falls_per_s=min(0.5, 10.0 / v),
         rises_per_s=min(0.4, 8.0 / v),
     )
@@ -151,32 +154,20 @@ def _check(f: Airframe) -> None:
     low, cruise, high = f.airspeed_min_m_s, f.airspeed_cruise_m_s, f.airspeed_max_m_s
     wrong = []
     if not 0.0 < low < cruise <= high < inf:
-        wrong.append(
-            f"airspeeds must be 0 < least < cruise <= greatest, not {low:g}, {cruise:g}, {high:g} m/s"
-        )
+        wrong.append(f"airspeeds must be 0 < min < cruise <= max, not {low:g}, {cruise:g}, {high:g} m/s")
     if not -pi / 2 < f.pitch_lowest_rad < f.pitch_cruise_rad < f.pitch_highest_rad < pi / 2:
         wrong.append(
-            "pitch must be -pi/2 < least < that of the cruise < greatest < pi/2,"
+            "pitch must be -pi/2 < lowest < cruise < highest < pi/2,"
             f" not {f.pitch_lowest_rad:g}, {f.pitch_cruise_rad:g}, {f.pitch_highest_rad:g} rad"
         )
-    ranges = (
-        ("climb_max_m_s", f.climb_max_m_s, inf),
-        ("sink_max_m_s", f.sink_max_m_s, inf),
-        ("climb_full_m_s", f.climb_full_m_s, inf),
-        ("throttle_cruise", f.throttle_cruise, 1.0),
-        ("bank_max_rad", f.bank_max_rad, radians(80.0)),
-        ("roll_rate_rad_s", f.roll_rate_rad_s, inf),
-        ("lag_s", f.lag_s, inf),
-        ("throttle_lag_s", f.throttle_lag_s, inf),
-    )
-    for name, value, below in ranges:
-        if not (isfinite(value) and 0.0 < value < below):
-            wrong.append(
-                f"{name} must be above 0"
-                + (f" and below {below:.4g}" if below < inf else "")
-                + f", not {value:g}"
-            )
-    if f.floor_down_m != f.floor_down_m:
-        wrong.append("floor_down_m must be a number or inf")
+    bounds = {"throttle_cruise": 1.0, "bank_max_rad": BANK_RAD}
+    for name, value in f._asdict().items():
+        if name.startswith(("airspeed", "pitch", "floor")):
+            continue
+        below = bounds.get(name, inf)
+        if not 0.0 < value < below:
+            wrong.append(f"{name} must be above 0 and below {below:.4g}, not {value:g}")
+    if isnan(f.floor_down_m):
+        wrong.append("floor_down_m must be a number, or inf for no floor")
     if wrong:
         raise ValueError("; ".join(wrong))

@@ -47,16 +47,19 @@ from guidance.handling import (
     airplane_wind,
     crawl,
     ground,
+    response,
     saturation,
     slip,
     smoothing,
     speed_loop,
     stuck,
+    velocity,
     waiting,
 )
-from sitl import airplane_flight, plant
+from sitl import airplane_flight, copter_flight, plant
 from sitl.campaign import draw, flight
 from sitl.models import airplane as airplane_model
+from sitl.models import copter as copter_model
 from sitl.models import gusts, rover
 
 #: Every module that has text in the machine code.
@@ -76,6 +79,8 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     speed_loop,
     stuck,
     ground,
+    response,
+    velocity,
     airplane,
     airplane_bank,
     airplane_clock,
@@ -91,7 +96,9 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     draw,
     airplane_model,
     gusts,
+    copter_model,
     airplane_flight,
+    copter_flight,
 )
 
 #: Too seldom and too long to be worth a copy at each place that calls them.

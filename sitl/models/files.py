@@ -9,15 +9,16 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sitl.models import airplane, rover, uuv
+from sitl.models import airplane, copter, rover, uuv
 
-#: Models that come with the package: those that drive, airplanes, and those that dive.
-ROVERS: Final = ("rover", "boat")
+#: Models that come with the package: those that drive, airplanes, copters, and those that dive.
+ROVERS: Final = ("rover", "boat", "rover_px4")
 AIRPLANES: Final = ("airplane_12", "airplane_20")
+COPTERS: Final = ("copter_px4", "copter_ardupilot")
 UUVS: Final = ("uuv",)
-NAMES: Final = (*ROVERS, *AIRPLANES, *UUVS)
+NAMES: Final = (*ROVERS, *AIRPLANES, *COPTERS, *UUVS)
 
-Model = rover.Parameters | airplane.Parameters | uuv.Parameters
+Model = rover.Parameters | airplane.Parameters | copter.Parameters | uuv.Parameters
 
 P = TypeVar("P", bound=tuple[float, ...])
 
@@ -36,6 +37,11 @@ def load_airplane(name: str) -> airplane.Parameters:
     return _load(airplane.Parameters, name, airplane.POSITIVE, airplane.SIGNED)
 
 
+def load_copter(name: str) -> copter.Parameters:
+    """Likewise a copter's."""
+    return _load(copter.Parameters, name, copter.POSITIVE, copter.SIGNED)
+
+
 def load_uuv(name: str) -> uuv.Parameters:
     """Likewise an underwater vehicle's."""
     return _load(uuv.Parameters, name, uuv.POSITIVE, uuv.SIGNED)
@@ -45,6 +51,7 @@ def load_uuv(name: str) -> uuv.Parameters:
 _KINDS: Final[tuple[tuple[Callable[[str], Model], tuple[str, ...]], ...]] = (
     (load_rover, rover.Parameters._fields),
     (load_airplane, airplane.Parameters._fields),
+    (load_copter, copter.Parameters._fields),
     (load_uuv, uuv.Parameters._fields),
 )
 

@@ -19,7 +19,7 @@ that grows with speed, and a turning circle.
 
 from __future__ import annotations
 
-from math import cos, exp, hypot, inf, sin
+from math import atan2, cos, exp, hypot, inf, pi, sin
 from typing import Final, NamedTuple
 
 #: So many commands can be on their way; of more, the oldest act too early. 0.6 s at 50 Hz.
@@ -175,6 +175,22 @@ def step(
         north,
         east,
         state.queue,
+    )
+
+
+def steered(
+    yaw_p: float, yaw_rate_max_rad_s: float, heading_rad: float, north_m_s: float, east_m_s: float
+) -> tuple[float, float]:
+    """What PX4's rover makes of a velocity: the yaw rate towards its bearing, and its length as the speed.
+
+    RO_YAW_P (1/s) and RO_YAW_RATE_LIM. Yaw and yaw rate of the setpoint are not used, it never reverses, and
+    a velocity of zero has the bearing 0: north.
+    """
+    off = atan2(east_m_s, north_m_s) - heading_rad
+    off -= 2.0 * pi * round(off / (2.0 * pi))
+    return (
+        _clamp(yaw_p * off, -yaw_rate_max_rad_s, yaw_rate_max_rad_s),
+        hypot(north_m_s, east_m_s),
     )
 
 

@@ -16,7 +16,7 @@ from math import cos, exp, hypot, inf, radians, sin, sqrt
 from random import Random
 from typing import Final, NamedTuple
 
-from guidance.handling import ground
+from guidance.handling import ground, rover_px4
 from guidance.prediction import NOTHING_SENT, predict, sent
 from guidance.se3 import Pose, Twist, Vec3, from_yaw
 from guidance.trajectory import Trajectory, sample
@@ -62,7 +62,7 @@ class Setting:
 
     `known_delay_s` is what the guide predicts by, and of `extra_delay_s` too unless not `extra_is_known`;
     `thrust_part` is the speed that the vehicle makes of one that is asked for: its WP_SPEED over what the
-    guide takes that to be.
+    guide takes that to be. `steers_by`: the vehicle is PX4's and is told a velocity.
     """
 
     model: rover.Parameters
@@ -76,6 +76,7 @@ class Setting:
     predicts: bool = True
     wind_ne_m_s: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
+    steers_by: rover_px4.Autopilot | None = None
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,12 @@ def fly(task: Task, setting: Setting) -> Figures:
         errors.append((error, hypot(state.north_m - at.x, state.east_m - at.y), on_s))
         samples.append((t, error, state.north_m, state.east_m, state.speed_m_s, around.clock_rate))
 
-        state = rover.told(model, state, demand.yaw_rate_rad_s, demand.speed_m_s * setting.thrust_part)
+        yaw_rate, speed = demand.yaw_rate_rad_s, demand.speed_m_s * setting.thrust_part
+        if setting.steers_by is not None:
+            v = rover_px4.velocity_of(setting.steers_by, demand, heading)
+            px4 = setting.steers_by
+            yaw_rate, speed = rover.steered(px4.RO_YAW_P, radians(px4.RO_YAW_RATE_LIM), heading, v.x, v.y)
+        state = rover.told(model, state, yaw_rate, speed)
         for _ in range(substeps):
             state = rover.step(model, state, *setting.wind_ne_m_s, dt / substeps)
     return _figures(task, dt, errors, reverse, saturated, stuck, tuple(samples))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, sqrt
 from typing import Final, NamedTuple
 
 from sitl.plant import Triple, euler_from_attitude
@@ -11,6 +11,9 @@ from sitl.vehicle.controls import Velocity
 
 #: Slower than this (m/s) it has stopped: the point where it is, is held.
 STOPPED_M_S: Final = 0.5
+#: How it slows down towards a point; both autopilots brake harder.
+BRAKING_M_S2: Final = 1.0
+HEIGHT_BRAKING_M_S2: Final = 0.5
 #: So close (m) it is above its home.
 HOME_M: Final = 0.5
 #: Height (m) at which it counts as standing on the ground.
@@ -81,11 +84,12 @@ class CopterPilot:
 def toward(manner: Manner, state: BodyState, position_ned_m: Triple) -> Velocity:
     """The velocity that leads to a point."""
     x, y, z = (to - at for to, at in zip(position_ned_m, state.position_ned_m, strict=True))
-    north, east, part = manner.level_per_s * x, manner.level_per_s * y, 1.0
-    if hypot(north, east) > manner.speed_m_s:
-        part = manner.speed_m_s / hypot(north, east)
-    down = max(-manner.up_m_s, min(manner.down_m_s, manner.height_per_s * z))
-    return Velocity((part * north, part * east, down))
+    way, height = hypot(x, y), abs(z)
+    speed = min(manner.level_per_s * way, sqrt(2.0 * BRAKING_M_S2 * way), manner.speed_m_s)
+    part = speed / way if way > 0.0 else 0.0
+    rate = min(manner.height_per_s * height, sqrt(2.0 * HEIGHT_BRAKING_M_S2 * height))
+    down = min(rate, manner.down_m_s) if z > 0.0 else -min(rate, manner.up_m_s)
+    return Velocity((part * x, part * y, down))
 
 
 def yaw_of(state: BodyState) -> float:

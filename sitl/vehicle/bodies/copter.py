@@ -46,9 +46,7 @@ class CopterBody(GridBody[copter.State]):
             case RatesThrust(rates, thrust):
                 given = copter.told_rates(self._parameters, late, rates, thrust)
             case _:
-                raise TypeError(
-                    f"a copter takes velocity and yaw rate, or rates and thrust, not {control}"
-                )
+                raise TypeError(f"a copter takes velocity and yaw rate, or rates and thrust, not {control}")
         return given._replace(time_s=state.time_s)
 
     def _step(self, state: copter.State, tick: int, dt_s: float) -> copter.State:

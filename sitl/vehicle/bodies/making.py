@@ -110,6 +110,6 @@ def _copter(options: VehicleOptions, parameters: copter.Parameters, start_ns: in
     position = options.start_position_ned_m()
     if position[2] > 0.0:
         raise ValueError(
-            f"the model {options.model} starts on or above the ground, not {position[2]:g} m below"
+            f"the model {options.model} starts on the ground or above, not {position[2]:g} m below"
         )
     return CopterBody(parameters, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)

@@ -1,80 +1,46 @@
-"""Whether an airplane can fly a trajectory at all: bank, airspeed, climb and power, with the numbers.
-
-In still air: what the wind takes is the waiting clock's, and the guards'. `feasibility` knows only speeds and
-rates of [limits]; here is what the airframe and the autopilot's own limits leave.
-"""
+"""What an airplane can do of a trajectory: what airframe and autopilot leave it, with a margin."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-from math import atan, cos, degrees, hypot, sqrt, tan
-from typing import Final, NamedTuple
+from typing import Final
 
-from guidance.feasibility import INSTANTS
+from guidance.abilities import AirplaneAbilities, Bound
 from guidance.handling import airplane, airplane_throttle
-from guidance.handling.airplane_bank import GRAVITY_M_S2
-from guidance.trajectory import Trajectory, sample
+from guidance.se3 import ZERO, Vec3
+from guidance.shortfall import shortfalls
+from guidance.trajectory import Trajectory
 
-#: Of the turn at the steepest bank, what a trajectory may take; the rest is for errors and gusts.
-BANK_PART: Final = 0.9
-
-
-class _Moment(NamedTuple):
-    """A trajectory at one of its instants: speeds and the acceleration across, level, its size."""
-
-    t_s: float
-    speed_m_s: float
-    climb_m_s: float
-    across_m_s2: float
+#: Of bank and load, so much is kept for errors and gusts.
+MARGIN: Final = 0.1
+#: A clock that waits may be hurried so much by a tail wind, whatever its own bound (`airplane_clock`).
+HURRIED: Final = 2.0
 
 
-@lru_cache(maxsize=16)
-def _moments(trajectory: Trajectory) -> tuple[_Moment, ...]:
-    found = []
-    for i in range(INSTANTS):
-        t_s = trajectory.cycle_s / INSTANTS * i
-        r = sample(trajectory, t_s)
-        v, a = r.velocity, r.acceleration
-        level = hypot(v.x, v.y)
-        across = abs(v.x * a.y - v.y * a.x) / level if level > 0.0 else 0.0
-        found.append(_Moment(t_s, hypot(level, v.z), -v.z, across))
-    return tuple(found)
-
-
-def cannot_fly(trajectory: Trajectory, p: airplane.Parameters, trims: airplane.Trims) -> str | None:
-    """Where the trajectory first asks for more than the airplane has, by how much, and what would do."""
+def abilities_of(p: airplane.Parameters, trims: airplane.Trims) -> AirplaneAbilities:
+    """Of the parameters as they were fitted."""
     envelope = p.envelope
-    most = BANK_PART * trims.effectiveness * GRAVITY_M_S2 * tan(envelope.bank_max_rad)
-    for at in _moments(trajectory):
-        where = f"the trajectory, {at.t_s:.1f} s after its start,"
-        bank = atan(at.across_m_s2 / (trims.effectiveness * GRAVITY_M_S2))
-        if at.across_m_s2 > most:
-            steepest = atan(BANK_PART * tan(envelope.bank_max_rad))
-            radius = at.speed_m_s * at.speed_m_s / at.across_m_s2
-            return (
-                f"{where} takes a bank of {degrees(bank):.0f} deg, and with the limit of "
-                f"{degrees(envelope.bank_max_rad):.0f} it may take {degrees(steepest):.0f}: fly it at "
-                f"{sqrt(most * radius):.3g} m/s at most, or with a radius of "
-                f"{at.speed_m_s * at.speed_m_s / most:.3g} m and more"
-            )
-        load = 1.0 / cos(bank)
-        slowest = envelope.airspeed_min_m_s * sqrt(load)
-        if at.speed_m_s < slowest:
-            return (
-                f"{where} is at {at.speed_m_s:.3g} m/s, and the least airspeed at a load of {load:.2f} is "
-                f"{slowest:.3g}: fly it faster, or wider"
-            )
-        if at.speed_m_s > envelope.airspeed_max_m_s:
-            return f"{where} is at {at.speed_m_s:.3g} m/s: {envelope.airspeed_max_m_s:.3g} at most"
-        if not -envelope.sink_max_m_s <= at.climb_m_s <= envelope.climb_max_m_s:
-            return (
-                f"{where} climbs at {at.climb_m_s:.3g} m/s: must be from {-envelope.sink_max_m_s:.3g} to "
-                f"{envelope.climb_max_m_s:.3g}"
-            )
-        powered = airplane_throttle.fastest_m_s(p.throttle, trims.throttle, load, at.climb_m_s)
-        if at.speed_m_s > powered:
-            return (
-                f"{where} is at {at.speed_m_s:.3g} m/s in a climb of {at.climb_m_s:.3g} m/s, and full "
-                f"throttle holds {powered:.3g} there"
-            )
-    return None
+    fastest = airplane_throttle.fastest_m_s(p.throttle, trims.throttle, 1.0, 0.0)
+    waits = p.waiting.fastest > 1.0
+    return AirplaneAbilities(
+        airspeed_least_m_s=Bound(envelope.airspeed_min_m_s, "the least airspeed"),
+        airspeed_m_s=min(
+            Bound(envelope.airspeed_max_m_s, "the highest airspeed"),
+            Bound(fastest, "what full throttle holds"),
+        ),
+        bank_rad=Bound(envelope.bank_max_rad, "the highest bank").less(MARGIN),
+        load=Bound(envelope.load_max, "the highest load").less(MARGIN),
+        climb_m_s=Bound(envelope.climb_max_m_s, "the highest climb"),
+        sink_m_s=Bound(envelope.sink_max_m_s, "the highest sink"),
+        roll_rate_rad_s=Bound(p.roll_rate_rad_s, "the highest roll rate"),
+        effectiveness=trims.effectiveness,
+        clock_least=p.waiting.slowest if waits else 1.0,
+        clock_most=HURRIED if waits else 1.0,
+    )
+
+
+def cannot_fly(
+    trajectory: Trajectory, p: airplane.Parameters, trims: airplane.Trims, wind_ned_m_s: Vec3 = ZERO
+) -> str | None:
+    """What the trajectory first asks for and the airplane has not: where, how much, what would do."""
+    found = shortfalls(trajectory, abilities_of(p, trims), wind_ned_m_s)
+    return next((f"the trajectory: {short.text}" for short in found if short.refuses), None)

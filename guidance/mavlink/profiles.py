@@ -46,6 +46,7 @@ class Asked(StrEnum):
     RATES_SPEED = "body rates and thrust for a speed"
     YAW_RATE_SPEED = "yaw rate and thrust for a speed"
     ATTITUDE_THROTTLE = "roll, pitch and throttle"
+    RATES_THROTTLE = "body rates and throttle"
     VELOCITY_YAW_RATE = "velocity and yaw rate"
 
 
@@ -61,7 +62,8 @@ class Profile(NamedTuple):
     come `parameters_bytewise`, or by value. `estimator` names what tells its health.
 
     `full_thrust_parameter` is the speed that full thrust asks for, if the firmware has one. `air` are the
-    messages that tell of airspeed and wind, with their rates in Hz.
+    messages that tell of airspeed and wind, with their rates in Hz. `takes_rates` says that body rates and
+    throttle will do instead of what is `asked` (`by_rates`).
     """
 
     name: str
@@ -88,6 +90,11 @@ class Profile(NamedTuple):
     estimator: str
     full_thrust_parameter: str = ""
     air: tuple[tuple[str, float], ...] = ()
+    takes_rates: bool = False
+
+    def by_rates(self) -> Profile:
+        """The same row, asked by body rates and throttle."""
+        return self._replace(asked=Asked.RATES_THROTTLE, type_mask=_IGNORE_ATTITUDE)
 
     def mode(self, name: str) -> Mode | None:
         """The mode of that name, None if this firmware has none; "hold" is the one that holds."""
@@ -133,6 +140,7 @@ def _px4(
     *,
     planar: bool = False,
     air: tuple[tuple[str, float], ...] = (),
+    takes_rates: bool = False,
 ) -> Profile:
     """A row of PX4: the firmware's manners are those of every vehicle."""
     return Profile(
@@ -159,6 +167,7 @@ def _px4(
         parameters_bytewise=True,
         estimator="ESTIMATOR_STATUS",
         air=air,
+        takes_rates=takes_rates,
     )
 
 
@@ -227,6 +236,7 @@ PROFILES: Final[dict[str, Profile]] = {
             PX4_PLANE,
             (0.0, 1.0),
             air=(("VFR_HUD", 10.0), ("WIND_COV", 2.0)),
+            takes_rates=True,
         ),
         _px4(
             "px4-copter",

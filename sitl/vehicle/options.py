@@ -20,8 +20,11 @@ class Firmware(StrEnum):
 
     PX4_UUV = "px4-uuv"
     PX4_PLANE = "px4-plane"
+    PX4_COPTER = "px4-copter"
+    PX4_ROVER = "px4-rover"
     ARDUPILOT_ROVER = "ardupilot-rover"
     ARDUPILOT_PLANE = "ardupilot-plane"
+    ARDUPILOT_COPTER = "ardupilot-copter"
 
     @property
     def flies(self) -> bool:
@@ -33,8 +36,11 @@ class Firmware(StrEnum):
 DEFAULT_MODELS: Final[Mapping[Firmware, str]] = {
     Firmware.PX4_UUV: IDEAL,
     Firmware.PX4_PLANE: "airplane",
+    Firmware.PX4_COPTER: "copter",
+    Firmware.PX4_ROVER: "rover_px4",
     Firmware.ARDUPILOT_ROVER: IDEAL,
     Firmware.ARDUPILOT_PLANE: "airplane",
+    Firmware.ARDUPILOT_COPTER: "copter",
 }
 #: Height at which an airborne vehicle starts, m.
 AIRBORNE_M: Final = 60.0

@@ -82,6 +82,7 @@ PLANE: Final = {
 COPTER: Final = {
     **_FLYING,
     "COM_DISARM_PRFLT": Parameter(10.0),
+    "COM_SPOOLUP_TIME": Parameter(1.0),
     "MAV_TYPE": Parameter(2, INT32),
     "MC_PITCHRATE_MAX": Parameter(220.0),
     "MC_PITCH_P": Parameter(6.5),
@@ -98,6 +99,7 @@ COPTER: Final = {
     "MPC_ACC_UP_MAX": Parameter(4.0),
     "MPC_JERK_AUTO": Parameter(4.0),
     "MPC_JERK_MAX": Parameter(8.0),
+    "MPC_LAND_ALT2": Parameter(5.0),
     "MPC_LAND_SPEED": Parameter(0.7),
     "MPC_MAN_TILT_MAX": Parameter(35.0),
     "MPC_MAN_Y_MAX": Parameter(150.0),
@@ -105,6 +107,7 @@ COPTER: Final = {
     "MPC_THR_MAX": Parameter(1.0),
     "MPC_THR_MIN": Parameter(0.12),
     "MPC_TILTMAX_AIR": Parameter(45.0),
+    "MPC_TKO_RAMP_T": Parameter(3.0),
     "MPC_TKO_SPEED": Parameter(1.5),
     "MPC_XY_CRUISE": Parameter(5.0),
     "MPC_XY_P": Parameter(0.95),
@@ -122,4 +125,19 @@ COPTER: Final = {
     "MPC_Z_V_AUTO_UP": Parameter(3.0),
     "RTL_RETURN_ALT": Parameter(30.0),
     "SYS_AUTOSTART": Parameter(10040, INT32),
+}
+ROVER: Final = {
+    "MAV_TYPE": Parameter(10, INT32),
+    "RA_MAX_STR_ANG": Parameter(0.5236),
+    "RA_WHEEL_BASE": Parameter(0.321),
+    "RO_ACCEL_LIM": Parameter(3.0),
+    "RO_DECEL_LIM": Parameter(6.0),
+    "RO_SPEED_I": Parameter(0.001),
+    "RO_SPEED_LIM": Parameter(3.0),
+    "RO_SPEED_P": Parameter(0.001),
+    "RO_SPEED_TH": Parameter(0.1),
+    "RO_YAW_ACCEL_LIM": Parameter(400.0),
+    "RO_YAW_P": Parameter(5.0),
+    "RO_YAW_RATE_LIM": Parameter(180.0),
+    "SYS_AUTOSTART": Parameter(10045, INT32),
 }

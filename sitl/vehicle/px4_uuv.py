@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from sitl.plant import STOP, PlantCommand, Triple, Wxyz
+from sitl.plant import STOP, PlantCommand
+from sitl.vehicle.attitude_error import attitude_error
 from sitl.vehicle.body import BodyState
 from sitl.vehicle.controls import Control
 from sitl.vehicle.px4 import COMMANDER_NS, Px4
@@ -53,18 +54,3 @@ class Px4Uuv(Px4):
 
 def _finite(value: float) -> float:
     return value if math.isfinite(value) else 0.0
-
-
-def attitude_error(now: Wxyz, wanted: Wxyz) -> Triple:
-    """Twice the vector part of now^-1 wanted, the short way round: rad in body axes for small errors."""
-    norm = math.sqrt(sum(part * part for part in wanted))
-    if norm < 1e-6:
-        return (0.0, 0.0, 0.0)
-    w, x, y, z = now
-    a, b, c, d = (part / norm for part in wanted)
-    sign = 2.0 if w * a + x * b + y * c + z * d >= 0.0 else -2.0
-    return (
-        sign * (w * b - x * a - y * d + z * c),
-        sign * (w * c + x * d - y * a - z * b),
-        sign * (w * d - x * c + y * b - z * a),
-    )

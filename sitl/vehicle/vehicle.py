@@ -17,6 +17,7 @@ from collections.abc import Hashable
 from typing import Final
 
 from sitl.plant import PlantParameters, Triple
+from sitl.vehicle.ardupilot_copter import ArduCopter
 from sitl.vehicle.ardupilot_plane import ArduPlane
 from sitl.vehicle.ardupilot_rover import ArduRover
 from sitl.vehicle.autopilot import Autopilot
@@ -28,7 +29,9 @@ from sitl.vehicle.controls import WORKING, Drive, Effect
 from sitl.vehicle.estimator import RIGHT, Astray, Estimator
 from sitl.vehicle.options import Firmware, Truth, VehicleOptions
 from sitl.vehicle.projection import Projection, azimuthal_equidistant, equirectangular
+from sitl.vehicle.px4_copter import Px4Copter
 from sitl.vehicle.px4_plane import Px4Plane
+from sitl.vehicle.px4_rover import Px4Rover
 from sitl.vehicle.px4_uuv import Px4Uuv
 from sitl.vehicle.sample import Sample
 from sitl.vehicle.telemetry import ID
@@ -36,17 +39,19 @@ from sitl.vehicle.telemetry import ID
 _PILOTS: dict[Firmware, type[Autopilot]] = {
     Firmware.PX4_UUV: Px4Uuv,
     Firmware.PX4_PLANE: Px4Plane,
+    Firmware.PX4_COPTER: Px4Copter,
+    Firmware.PX4_ROVER: Px4Rover,
     Firmware.ARDUPILOT_ROVER: ArduRover,
     Firmware.ARDUPILOT_PLANE: ArduPlane,
-}
-_PROJECTIONS: dict[Firmware, Projection] = {
-    Firmware.PX4_UUV: azimuthal_equidistant,
-    Firmware.PX4_PLANE: azimuthal_equidistant,
-    Firmware.ARDUPILOT_ROVER: equirectangular,
-    Firmware.ARDUPILOT_PLANE: equirectangular,
+    Firmware.ARDUPILOT_COPTER: ArduCopter,
 }
 #: Who flew it when its parameters were recorded, where others could.
-_RECORDED_WITH: Final = {"airplane_20": "ardupilot"}
+_RECORDED_WITH: Final = {
+    "airplane_20": "ardupilot",
+    "copter_ardupilot": "ardupilot",
+    "rover": "ardupilot",
+    "boat": "ardupilot",
+}
 _MS = 1_000_000
 
 
@@ -278,7 +283,12 @@ class Vehicle:
 
     def _sample(self, boot_ns: int) -> Sample:
         estimate = self._estimator.estimate(self._state, self._state_ns)
-        return Sample(boot_ns, estimate, self.options.origin, _PROJECTIONS[self.options.firmware])
+        return Sample(boot_ns, estimate, self.options.origin, _projection(self.options.firmware))
+
+
+def _projection(firmware: Firmware) -> Projection:
+    """How the firmware makes geodetic positions of local ones."""
+    return azimuthal_equidistant if firmware.startswith("px4") else equirectangular
 
 
 def fitting(model: str) -> list[Firmware]:

@@ -9,6 +9,7 @@ from sitl.models.files import JSBSIM_PREFIX, Model, load_model
 from sitl.models.gusts import Wind
 from sitl.plant import PlantParameters, PlantState, Triple
 from sitl.vehicle.bodies.airplane import AirplaneBody
+from sitl.vehicle.bodies.copter import CopterBody
 from sitl.vehicle.bodies.ideal import IdealBody
 from sitl.vehicle.bodies.jsbsim import JsbsimBody
 from sitl.vehicle.bodies.rover import RoverBody
@@ -16,14 +17,16 @@ from sitl.vehicle.bodies.uuv import UuvBody
 from sitl.vehicle.body import Body
 from sitl.vehicle.options import AIRBORNE_M, IDEAL, VehicleOptions
 
-#: Either size by this name: the one that was recorded with the firmware.
+#: Either one by this name: that which was recorded with the firmware.
 AIRPLANE: Final = "airplane"
+COPTER: Final = "copter"
 #: The speed of an airplane that begins in the air, times its stall speed, if its options do not say.
 AIRPLANE_STALLS: Final = 1.5
 
 _TAKES: Final[dict[type, tuple[type, ...]]] = {
     rover.Parameters: RoverBody.takes,
     airplane.Parameters: AirplaneBody.takes,
+    copter.Parameters: CopterBody.takes,
     uuv.Parameters: UuvBody.takes,
     jsbsim_airplane.Parameters: JsbsimBody.takes,
 }
@@ -56,12 +59,12 @@ def body_of(options: VehicleOptions, *, planar: bool, start_ns: int) -> Body:
         return _airplane(options, parameters, start_ns)
     if isinstance(parameters, jsbsim_airplane.Parameters):
         return _jsbsim(options, parameters, start_ns)
-    if isinstance(parameters, copter.Parameters):
-        raise ValueError(f"no firmware flies the model {options.model} yet")
     if isinstance(parameters, uuv.Parameters):
         _refuse(options, wind=True, gusts=True, speed=True)
         return UuvBody(parameters, options.start_position_ned_m(), options.start_attitude_wxyz(), start_ns)
     _refuse(options, wind=False, gusts=True, speed=True)
+    if isinstance(parameters, copter.Parameters):
+        return _copter(options, parameters, start_ns)
     yaw_rad, wind_ned_m_s = options.initial_yaw_rad, options.wind_ned_m_s
     return RoverBody(parameters, options.start_position_ned_m(), yaw_rad, wind_ned_m_s, start_ns)
 
@@ -69,6 +72,8 @@ def body_of(options: VehicleOptions, *, planar: bool, start_ns: int) -> Body:
 def _loaded(model: str, firmware: str) -> Model:
     if model == AIRPLANE:
         model = "airplane_20" if firmware.startswith("ardupilot") else "airplane_12"
+    if model == COPTER:
+        model = "copter_ardupilot" if firmware.startswith("ardupilot") else "copter_px4"
     return load_model(model)
 
 
@@ -127,3 +132,12 @@ def _in_the_air(options: VehicleOptions) -> Triple:
     """The chosen position, or one high enough to fly."""
     north_m, east_m, down_m = options.start_position_ned_m()
     return (north_m, east_m, -AIRBORNE_M if options.initial_position_ned_m is None else down_m)
+
+
+def _copter(options: VehicleOptions, parameters: copter.Parameters, start_ns: int) -> CopterBody:
+    position = options.start_position_ned_m()
+    if position[2] > 0.0:
+        raise ValueError(
+            f"the model {options.model} starts on the ground or above, not {position[2]:g} m below"
+        )
+    return CopterBody(parameters, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)

@@ -241,10 +241,20 @@ def test_each_error_function_can_be_uncommented_as_it_stands(path: Path, name: s
 
 #: The vehicle that a configuration is for, and how well it is flown without noise: below the first for good,
 #: within the second at the end (m).
-FLOWN: Final = {"px4-uuv": ("ideal", 0.1, 0.01), "ardupilot-rover": ("rover", 0.1, 0.02)}
+FLOWN: Final = {
+    "px4-uuv": ("ideal", 0.1, 0.01),
+    "ardupilot-rover": ("rover", 0.1, 0.02),
+    "px4-plane": ("airplane_12", 3.0, 0.3),
+    "ardupilot-plane": ("airplane_20", 3.0, 0.3),
+}
+
+#: How the firmware calls the mode in which its airplane waits in the air.
+LOITERING: Final = {"px4-plane": "AUTO.LOITER", "ardupilot-plane": "LOITER"}
 
 
 def vehicle_flight(path: Path, config: Config, **options: Any) -> Lockstep:
+    if path.stem in LOITERING:
+        options["initial_position_ned_m"] = (0.0, 0.0, -200.0)  # it is taken over in the air
     return make_flight(config=config, model=FLOWN[path.stem][0], **options)
 
 
@@ -262,14 +272,17 @@ def converges(path: Path, flight: Lockstep, seconds: float) -> None:
 def test_it_flies_as_it_is_shipped(path: Path) -> None:
     config = load(path)
     assert (config.supervisor.engage, config.supervisor.arm) == ("pilot", False)
-    flight = vehicle_flight(path, config)
+    airborne = path.stem in LOITERING  # an airplane that is not armed there would fall
+    options = {"initially_armed": True, "initial_mode": LOITERING[path.stem]} if airborne else {}
+    flight = vehicle_flight(path, config, **options)
     pilot = Pilot(flight)
     fly_until(flight, State.READY, 3.0)
     flight.run(5.0)
-    assert not flight.vehicle.armed
+    assert flight.vehicle.armed is airborne
     pilot.switch("control")
-    fly_until(flight, State.ARMING, 1.0)
-    pilot.arm()
+    if not airborne:
+        fly_until(flight, State.ARMING, 1.0)
+        pilot.arm()
     fly_until_tracking(flight, 1.1)
     converges(path, flight, 30.0)
 

@@ -228,7 +228,7 @@ def _conflicts(config: Config) -> Iterator[Problem]:
         config.guards, profile, config.trajectory, config.flight.origin, link.attitude_timeout_s
     )
     full_m_s = config.vehicle.speed_at_full_thrust_m_s
-    yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar)
+    yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar, config.ground)
 
 
 def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:

@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from functools import lru_cache
-from typing import Final, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Final
 
+from guidance.abilities import FREE, Abilities, Bound, GroundAbilities, SpaceAbilities
 from guidance.checking import Problem, shown
-from guidance.se3 import Vec3, cross, dot, norm
-from guidance.trajectory import Reference, Trajectory, sample
+from guidance.handling.rover import ACCELERATION_PART, GRAVITY_M_S2, LATERAL_PART
+from guidance.handling_config import GroundConfig
+from guidance.se3 import ZERO, Vec3
+from guidance.shortfall import needed, shortfalls
+from guidance.trajectory import Trajectory
 from guidance.tuning import LawConfig, LimitsConfig, rates_of
 
-#: A trajectory's cycle is looked at at so many instants, evenly spaced. A multiple of 8 meets the lemniscate
-#: where it turns fastest if that is a matter of a moment (at the ends or the sides of a long and thin one);
-#: with 800 all its extremes are found within 0.4 %, whatever its proportions. The speed and the turn of the
-#: others are constant; so are the zigzag's but for its corners, which no vehicle could follow.
-INSTANTS: Final = 800
-#: Limits that are met exactly are met.
-_ROUNDING: Final = 1.0 - 1e-9
+#: Where both have it, in the needs of vehicles that move along b1.
+_SPEED: Final = 1
 
 
 def infeasible(
-    trajectory: Trajectory, limits: LimitsConfig, law: LawConfig, full_thrust_m_s: float, planar: bool
+    trajectory: Trajectory,
+    limits: LimitsConfig,
+    law: LawConfig,
+    full_thrust_m_s: float,
+    planar: bool,
+    ground: GroundConfig | None = None,
 ) -> Iterator[Problem]:
     """What of the reference no vehicle within these limits could follow.
 
-    Speeds and turns are those in space, or in the plane for a `planar` vehicle, which turns by yaw alone.
-    Elsewhere the rates that move b1 are those of the allocation; rolling does not. Not looked at: how fast
-    those rates have to change.
-
     Limits that are met exactly are let pass, and leave nothing to converge with: on a circle of 2 m at 2 m/s
     with rates of at most its 1 rad/s, 3.7 % of flights had not converged after 1000 s, and with 1.02 rad/s
-    all had after 300 s. Pitch and yaw count together as the root of their squares' sum, which rates about the
-    body axes give at one angle of roll alone.
+    all had after 300 s.
     """
     if limits.speed_min_m_s >= limits.speed_max_m_s:
         yield Problem(
@@ -41,89 +39,99 @@ def infeasible(
             f" = {limits.speed_min_m_s:g}: must be below speed_max_m_s = {limits.speed_max_m_s:g}",
         )
         return
-    motion = _motion(trajectory, planar)
+    abilities = abilities_of(limits, law, full_thrust_m_s, planar, ground)
     if law.name == "paper" and limits.speed_min_m_s >= 0.0:
+        fastest_m_s = needed(trajectory, type(abilities))[_SPEED]
         yield Problem(
             "limits.speed_min_m_s",
             f' = {limits.speed_min_m_s:g}: the law "paper" reverses where the vehicle faces away, and never '
             'converges from there if it may not; set law.name = "global", which only goes forward, or '
-            f"below {-motion.fastest_m_s:.3g}, the trajectory's speed: reverse has to be "
-            "as fast as it",
+            f"below {-fastest_m_s:.3g}, the trajectory's speed: reverse has to be as fast as it",
         )
-    fastest = min(limits.speed_max_m_s, full_thrust_m_s)
-    bounded_by = "(limits.speed_max_m_s, vehicle.speed_at_full_thrust_m_s)"
     for key in ("approach_m_s", "horizontal_m_s", "vertical_m_s"):
         approach_m_s = getattr(law.error_function, key, 0.0)
-        if approach_m_s > fastest:
+        if approach_m_s > abilities.speed_m_s.value:
             yield Problem(
                 f"law.error_function.{key}",
-                f" = {approach_m_s:g}: the vehicle moves at most at {fastest:g} m/s {bounded_by}",
+                f" = {approach_m_s:g}: the vehicle moves at most at {abilities.speed_m_s.value:g} m/s "
+                f"({abilities.speed_m_s.source})",
             )
-    for found in (
-        _too_fast_or_slow(motion, limits.speed_min_m_s, fastest, bounded_by),
-        _too_sudden(motion, limits.acceleration_max_m_s2),
-        _too_tight(motion, limits, rates_of(law.allocation, planar)),
-    ):
-        if found is not None:
-            yield Problem("trajectory.name", f" = {shown(str(trajectory.__struct_config__.tag))}: it {found}")
+    yield from unflyable(trajectory, abilities)
 
 
-class _Motion(NamedTuple):
-    """The extremes of a trajectory's cycle."""
+def unflyable(trajectory: Trajectory, abilities: Abilities, wind_ned_m_s: Vec3 = ZERO) -> Iterator[Problem]:
+    """What of the reference is refused to a vehicle with these abilities."""
+    for shortfall in shortfalls(trajectory, abilities, wind_ned_m_s):
+        if shortfall.refuses:
+            name = shown(str(trajectory.__struct_config__.tag))
+            yield Problem("trajectory.name", f" = {name}: {shortfall.text}")
 
-    slowest_m_s: float
-    fastest_m_s: float
-    change_m_s2: float
-    turn_rad_s: float
 
+def abilities_of(
+    limits: LimitsConfig,
+    law: LawConfig,
+    full_thrust_m_s: float,
+    planar: bool,
+    ground: GroundConfig | None = None,
+) -> SpaceAbilities | GroundAbilities:
+    """Those of [limits], in space, or in the plane for a `planar` vehicle, which turns by yaw alone, with
+    those of [ground].
 
-@lru_cache(maxsize=16)
-def _motion(trajectory: Trajectory, planar: bool) -> _Motion:
-    """Looked at once: a limit that is set in flight is held against what is known by then."""
-    step_s = trajectory.cycle_s / INSTANTS
-    moving = [_in_its_space(sample(trajectory, step_s * i), planar) for i in range(INSTANTS)]
-    speeds = [norm(r.velocity) for r in moving]
-    going = [(r, speed) for r, speed in zip(moving, speeds, strict=True) if speed > 0.0]
-    return _Motion(
-        min(speeds),
-        max(speeds),
-        max((abs(dot(r.velocity, r.acceleration)) / speed for r, speed in going), default=0.0),
-        max((norm(cross(r.velocity, r.acceleration)) / speed**2 for r, speed in going), default=0.0),
+    Elsewhere the rates that move b1 are those of the allocation; rolling does not. Pitch and yaw count
+    together as the root of their squares' sum, which rates about the body axes give at one angle of roll
+    alone. How fast those change is not looked at in space.
+    """
+    least = Bound(limits.speed_min_m_s, "limits.speed_min_m_s")
+    most = min(
+        Bound(limits.speed_max_m_s, "limits.speed_max_m_s"),
+        Bound(full_thrust_m_s, "vehicle.speed_at_full_thrust_m_s"),
     )
-
-
-def _too_fast_or_slow(motion: _Motion, slowest: float, fastest: float, bounded_by: str) -> str | None:
-    if motion.fastest_m_s * _ROUNDING > fastest:
-        return f"moves at {motion.fastest_m_s:.3g} m/s, and the vehicle at most at {fastest:g} {bounded_by}"
-    if motion.slowest_m_s < slowest * _ROUNDING:
-        return (
-            f"moves at {motion.slowest_m_s:.3g} m/s, and the vehicle never slower than "
-            f"limits.speed_min_m_s = {slowest:g}"
+    acceleration = _bound(limits.acceleration_max_m_s2, "limits.acceleration_max_m_s2")
+    if planar:
+        lateral_m_s2 = None if ground is None else ground.lateral_acceleration_max_m_s2
+        radius_m = 0.0 if ground is None else ground.turning_radius_m or 0.0
+        return GroundAbilities(
+            speed_least_m_s=least,
+            speed_m_s=most,
+            yaw_rate_rad_s=Bound(limits.yaw_rate_max_rad_s, "limits.yaw_rate_max_rad_s"),
+            yaw_acceleration_rad_s2=_bound(
+                limits.yaw_acceleration_max_rad_s2, "limits.yaw_acceleration_max_rad_s2"
+            ),
+            lateral_m_s2=_bound(lateral_m_s2, "ground.lateral_acceleration_max_m_s2"),
+            radius_least_m=Bound(radius_m, "ground.turning_radius_m"),
+            acceleration_m_s2=acceleration,
         )
-    return None
+    turning = [key for key in rates_of(law.allocation, planar) if key != "roll_rate_max_rad_s"]
+    turn_rad_s = math.hypot(*(getattr(limits, key) for key in turning))
+    keys = ", ".join(f"limits.{key}" for key in turning)
+    # an allocation without its rates is refused as such
+    turn = Bound(turn_rad_s, keys) if turn_rad_s > 0.0 else FREE
+    return SpaceAbilities(least, most, turn, acceleration)
 
 
-def _too_sudden(motion: _Motion, acceleration_max: float | None) -> str | None:
-    if acceleration_max is None or motion.change_m_s2 * _ROUNDING <= acceleration_max:
-        return None
-    return (
-        f"gains or loses {motion.change_m_s2:.3g} m/s each second, and the vehicle at most "
-        f"{acceleration_max:g} (limits.acceleration_max_m_s2)"
+def within_autopilot(abilities: GroundAbilities, values: Mapping[str, float]) -> GroundAbilities:
+    """The tighter of each and of an ArduPilot rover's parameters (`values`, in its units; 0 is no limit
+    there), of which the handling asks only for a part. What the configuration says of the turning radius goes
+    before TURN_RADIUS."""
+
+    def tighter(ours: Bound, key: str, unit: float, part: float = 1.0) -> Bound:
+        value = values.get(key) or math.inf
+        theirs = Bound(unit * value, f"{key} {value:g}")
+        return min(ours, theirs if part == 1.0 else theirs.less(1.0 - part))
+
+    a = abilities
+    radius_m = values.get("TURN_RADIUS", 0.0)
+    return a._replace(
+        speed_m_s=tighter(a.speed_m_s, "WP_SPEED", 1.0),
+        yaw_rate_rad_s=tighter(a.yaw_rate_rad_s, "ATC_STR_RAT_MAX", math.radians(1.0)),
+        yaw_acceleration_rad_s2=tighter(a.yaw_acceleration_rad_s2, "ATC_STR_ACC_MAX", math.radians(1.0)),
+        lateral_m_s2=tighter(a.lateral_m_s2, "ATC_TURN_MAX_G", GRAVITY_M_S2, LATERAL_PART),
+        radius_least_m=a.radius_least_m
+        if a.radius_least_m.value > 0.0
+        else Bound(radius_m, f"TURN_RADIUS {radius_m:g}"),
+        acceleration_m_s2=tighter(a.acceleration_m_s2, "ATC_ACCEL_MAX", 1.0, ACCELERATION_PART),
     )
 
 
-def _too_tight(motion: _Motion, limits: LimitsConfig, rates: tuple[str, ...]) -> str | None:
-    turning = [key for key in rates if key != "roll_rate_max_rad_s"]
-    fastest = math.hypot(*(getattr(limits, key) for key in turning))
-    # An allocation without its rates is refused as such.
-    if motion.turn_rad_s * _ROUNDING <= fastest or fastest == 0.0:
-        return None
-    keys = ", ".join(f"limits.{key}" for key in turning)
-    return f"turns at {motion.turn_rad_s:.3g} rad/s, and the vehicle at most at {fastest:.3g} ({keys})"
-
-
-def _in_its_space(reference: Reference, planar: bool) -> Reference:
-    if not planar:
-        return reference
-    v, a = reference.velocity, reference.acceleration
-    return reference._replace(velocity=Vec3(v.x, v.y, 0.0), acceleration=Vec3(a.x, a.y, 0.0))
+def _bound(limit: float | None, key: str) -> Bound:
+    return FREE if limit is None else Bound(limit, key)

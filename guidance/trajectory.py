@@ -4,6 +4,8 @@ Each is a pure function of time and its parameters, with analytic derivatives, d
 t = 0 it extends as it goes on after), and a Struct of the same parameters in the same order, which a
 configuration names by `name = "helix"`.
 
+Any of them may stop: its time then runs slower and slower, and stands still (`eased`).
+
 To add one: write the function, write its Struct (with its `cycle_s`), and give both a row in `_FUNCTIONS`
 (and the Struct a place in the union `Trajectory`, which type checkers read). Nothing else knows the list.
 """
@@ -11,29 +13,83 @@ To add one: write the function, write its Struct (with its `cycle_s`), and give 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import cos, hypot, isfinite, pi, radians, sin
-from typing import Annotated, Final
+from math import cos, hypot, isfinite, pi, radians, sin, sqrt
+from typing import Annotated, Final, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
+from guidance.arc_length import phase_at, quarter_m
 from guidance.se3 import ZERO, Vec3
 from guidance.se3 import Reference as Reference  # the type is at home there; this is where users look for it
 
+#: A helix levels off in so long, s.
+LEVEL_OFF_S: Final = 4.0
 
-def helix(t_s: float, radius_m: float, speed_m_s: float, down_m_s: float) -> Reference:
-    """The helix of section 4, r = (R sin wt, R cos wt, down t) with w = speed/R.
+
+class Eased(NamedTuple):
+    """A clock that comes to rest, s(t), and its derivatives: s (s), s', s'' (1/s)."""
+
+    time_s: float
+    rate: float
+    change_per_s: float
+
+
+def eased(t_s: float, rest_s: float, over_s: float) -> Eased:
+    """The clock t that stands still from `rest_s` on, and slows down in the `over_s` (> 0) s before.
+
+    s' falls as the cubic 1 - 3 u^2 + 2 u^3, so that s'' is continuous, and at most 1.5/over: what is on this
+    clock slows by at most 1.5 times its speed / over. Of the `over_s`, half is lost.
+    """
+    u = (t_s - rest_s) / over_s + 1.0
+    if u <= 0.0:
+        return Eased(t_s, 1.0, 0.0)
+    if u >= 1.0:
+        return Eased(rest_s - 0.5 * over_s, 0.0, 0.0)
+    return Eased(
+        rest_s - over_s + over_s * u * (1.0 - u * u * (1.0 - 0.5 * u)),
+        1.0 - u * u * (3.0 - 2.0 * u),
+        -6.0 * u * (1.0 - u) / over_s,
+    )
+
+
+def on_clock(planned: Reference, rate: float, rate_change: float) -> Reference:
+    """r, r', r'' by flight time, of a reference by its own; `rate` is s', `rate_change` s'' (1/s)."""
+    v, a = planned.velocity, planned.acceleration
+    two = rate * rate
+    return Reference(
+        planned.position,
+        Vec3(rate * v.x, rate * v.y, rate * v.z),
+        Vec3(two * a.x + rate_change * v.x, two * a.y + rate_change * v.y, two * a.z + rate_change * v.z),
+    )
+
+
+def helix(
+    t_s: float,
+    radius_m: float,
+    speed_m_s: float,
+    down_m_s: float,
+    down_m: float = 0.0,
+    levels_off_m: float = 0.0,
+) -> Reference:
+    """The helix of section 4, r = (R sin wt, R cos wt, down t) with w = speed/R, from `down_m` on.
 
     `speed_m_s` is horizontal, `down_m_s` vertical (positive down). Starts R east of the origin, northbound;
-    seen from above it turns counter-clockwise.
+    seen from above it turns counter-clockwise. Unless `levels_off_m` is 0, it is a circle once it has climbed
+    or sunk by so much.
     """
     w = speed_m_s / radius_m
     s = sin(w * t_s)
     c = cos(w * t_s)
+    climbing = Eased(t_s, 1.0, 0.0)
+    if levels_off_m > 0.0 and down_m_s != 0.0:
+        climbed_s = levels_off_m / abs(down_m_s)
+        over_s = min(LEVEL_OFF_S, 2.0 * climbed_s)
+        climbing = eased(t_s, climbed_s + 0.5 * over_s, over_s)
     return Reference(
-        Vec3(radius_m * s, radius_m * c, down_m_s * t_s),
-        Vec3(speed_m_s * c, -speed_m_s * s, down_m_s),
-        Vec3(-speed_m_s * w * s, -speed_m_s * w * c, 0.0),
+        Vec3(radius_m * s, radius_m * c, down_m + down_m_s * climbing.time_s),
+        Vec3(speed_m_s * c, -speed_m_s * s, down_m_s * climbing.rate),
+        Vec3(-speed_m_s * w * s, -speed_m_s * w * c, down_m_s * climbing.change_per_s),
     )
 
 
@@ -105,18 +161,60 @@ def lemniscate(t_s: float, length_m: float, width_m: float, speed_m_s: float, do
     )
 
 
+def eight(
+    t_s: float, length_m: float, width_m: float, speed_m_s: float, down_m: float, rise_m: float
+) -> Reference:
+    """The lemniscate at constant horizontal speed, `rise_m` higher at its north end and lower at its south.
+
+    r = (length/2 sin p, width/2 sin 2p, down - rise sin p), with the phase p at which the level arc is
+    speed t. It starts at the crossing, north-eastbound.
+    """
+    half = 0.5 * length_m
+    p = phase_at(speed_m_s * t_s, half, width_m)
+    s, c, s2, c2 = sin(p), cos(p), sin(2.0 * p), cos(2.0 * p)
+    # p' = V/|dr/dp| (level), and p'' from it
+    stretch2 = (half * c) ** 2 + (width_m * c2) ** 2
+    rate2 = speed_m_s * speed_m_s / stretch2
+    rate = sqrt(rate2)
+    change = (half * half * s * c + 2.0 * width_m * width_m * s2 * c2) / stretch2 * rate2
+    return Reference(
+        Vec3(half * s, 0.5 * width_m * s2, down_m - rise_m * s),
+        Vec3(half * c * rate, width_m * c2 * rate, -rise_m * c * rate),
+        Vec3(
+            half * (c * change - s * rate2),
+            width_m * (c2 * change - 2.0 * s2 * rate2),
+            -rise_m * (c * change - s * rate2),
+        ),
+    )
+
+
 class _Parameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="name"):
-    """Parameters of a trajectory; `cycle_s` of each: in so long it shows every velocity that it ever has.
+    """Parameters of a trajectory; `cycle_s` of each: in so long it shows every velocity that it ever has, but
+    for those while it is `eased_s`.
 
     Decoding refuses what the `Meta` of a field excludes (msgspec.ValidationError with the key); NaN, which
     TOML can spell and comparisons let through, is refused here.
     """
+
+    stop_at_s: Annotated[
+        float, Meta(ge=0.0, le=1e6, description="when it has come to rest, and stays, s; 0 is never")
+    ] = 0.0
+    stop_over_s: Annotated[
+        float, Meta(ge=0.1, le=1e3, description="in how long it slows down before that, s")
+    ] = 4.0
 
     def __post_init__(self) -> None:
         for field in self.__struct_fields__:
             value = getattr(self, field)
             if not isfinite(value):
                 raise ValueError(f"{field} must be a finite number, not {value}")
+
+    @property
+    def eased_s(self) -> tuple[tuple[float, float], ...]:
+        """From when to when (s) it stops, or levels off: what it does then it does but once."""
+        if self.stop_at_s == 0.0:
+            return ()
+        return ((self.stop_at_s - min(self.stop_over_s, self.stop_at_s), self.stop_at_s),)
 
 
 class Helix(_Parameters, frozen=True, kw_only=True, tag="helix"):
@@ -125,6 +223,19 @@ class Helix(_Parameters, frozen=True, kw_only=True, tag="helix"):
     radius_m: Annotated[float, Meta(ge=0.01, le=1e5, description="radius, m")] = 1.0
     speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="horizontal speed, m/s")] = 0.1
     down_m_s: Annotated[float, Meta(ge=-1e3, le=1e3, description="vertical speed, m/s, positive down")] = 0.1
+    down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="start, m below the origin")] = 0.0
+    levels_off_m: Annotated[
+        float, Meta(ge=0.0, le=1e5, description="then it goes on level, m climbed or sunk; 0 is never")
+    ] = 0.0
+
+    @property
+    def eased_s(self) -> tuple[tuple[float, float], ...]:
+        """When it levels off, beside when it stops, s."""
+        if self.levels_off_m == 0.0 or self.down_m_s == 0.0:
+            return super().eased_s
+        climbed_s = self.levels_off_m / abs(self.down_m_s)
+        half_s = min(0.5 * LEVEL_OFF_S, climbed_s)
+        return (*super().eased_s, (climbed_s - half_s, climbed_s + half_s))
 
     @property
     def cycle_s(self) -> float:
@@ -190,7 +301,25 @@ class Lemniscate(_Parameters, frozen=True, kw_only=True, tag="lemniscate"):
         return 2.0 * pi * hypot(0.5 * self.length_m, self.width_m) / self.speed_m_s
 
 
-Trajectory = Helix | Circle | Line | Zigzag | Lemniscate
+class Eight(_Parameters, frozen=True, kw_only=True, tag="eight"):
+    """Parameters of `eight`."""
+
+    length_m: Annotated[float, Meta(ge=0.01, le=1e5, description="extent to the north, m")] = 40.0
+    width_m: Annotated[float, Meta(ge=0.01, le=1e5, description="extent to the east, m")] = 20.0
+    speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="horizontal speed, m/s")] = 2.0
+    down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="height below the origin, m")] = 0.0
+    rise_m: Annotated[
+        float,
+        Meta(ge=-1e5, le=1e5, description="how much the north end is higher, and the south end lower, m"),
+    ] = 0.0
+
+    @property
+    def cycle_s(self) -> float:
+        """One eight, s."""
+        return 4.0 * quarter_m(0.5 * self.length_m, self.width_m) / self.speed_m_s
+
+
+Trajectory = Helix | Circle | Line | Zigzag | Lemniscate | Eight
 
 #: The one table: parameters -> function of time and those parameters, in the order of the Struct's fields.
 _FUNCTIONS: Final[dict[type[Trajectory], Callable[..., Reference]]] = {
@@ -199,6 +328,7 @@ _FUNCTIONS: Final[dict[type[Trajectory], Callable[..., Reference]]] = {
     Line: line,
     Zigzag: zigzag,
     Lemniscate: lemniscate,
+    Eight: eight,
 }
 
 #: Name in the configuration -> Struct.
@@ -209,4 +339,9 @@ TRAJECTORIES: Final[dict[str, type[Trajectory]]] = {
 
 def sample(trajectory: Trajectory, t_s: float) -> Reference:
     """The trajectory `t_s` seconds after its start."""
-    return _FUNCTIONS[type(trajectory)](t_s, *msgspec.structs.astuple(trajectory))
+    rest_s, over_s, *shape = msgspec.structs.astuple(trajectory)
+    function = _FUNCTIONS[type(trajectory)]
+    if rest_s == 0.0:
+        return function(t_s, *shape)
+    clock = eased(t_s, rest_s, min(over_s, rest_s))
+    return on_clock(function(clock.time_s, *shape), clock.rate, clock.change_per_s)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidance.handling import airplane
-from guidance.handling.airplane import Measured, airplane_step
+from guidance.handling.airplane import Demand, Evaluation, Measured, airplane_step
 from guidance.se3 import Pose, Reference, Vec3, from_euler
 from guidance.trajectory import circle, helix
 from sitl.models import airplane as model
@@ -88,6 +88,17 @@ class Start(NamedTuple):
     up_m: float
     off_rad: float
     height_m: float
+
+
+class Seen(NamedTuple):
+    """Position and velocity (NED), roll, pitch, heading and airspeed: the true ones, or those estimated."""
+
+    position_ned_m: Vec3
+    velocity_ned_m_s: Vec3
+    roll_rad: float
+    pitch_rad: float
+    heading_rad: float
+    airspeed_m_s: float
 
 
 def phase_step(task: Task, phase: float, ds: float) -> float:
@@ -170,29 +181,24 @@ def fly(
     wind = turbulence.wind
     gusts = NO_GUSTS
     memory = airplane.unstarted(trims)
-    bias_n, bias_e, bias_d = BIAS_M * normals[0, 6], BIAS_M * normals[0, 7], BIAS_M * normals[0, 8]
-    fade = exp(-GUIDE_STEP_S / BIAS_CORRELATION_S)
-    drive = BIAS_M * sqrt(1.0 - fade * fade)
+    bias = Vec3(BIAS_M * normals[0, 6], BIAS_M * normals[0, 7], BIAS_M * normals[0, 8])
     steps = round(GUIDE_STEP_S / MODEL_STEP_S)
     for n in range(normals.shape[0]):
         z = normals[n]
-        x = Vec3(
-            state.north_m + POSITION_M * z[3] + bias_n,
-            state.east_m + POSITION_M * z[4] + bias_e,
-            state.down_m + POSITION_M * z[5] + bias_d,
+        seen = sensed(
+            Seen(
+                Vec3(state.north_m, state.east_m, state.down_m),
+                Vec3(state.velocity_north_m_s, state.velocity_east_m_s, state.velocity_down_m_s),
+                state.roll_rad,
+                state.pitch_rad,
+                state.heading_rad,
+                state.airspeed_m_s,
+            ),
+            bias,
+            heading_bias_rad,
+            z,
         )
-        bias_n = fade * bias_n + drive * z[6]
-        bias_e = fade * bias_e + drive * z[7]
-        bias_d = fade * bias_d + drive * z[8]
-        roll = state.roll_rad + ATTITUDE_RAD * z[9]
-        pitch = state.pitch_rad + ATTITUDE_RAD * z[10]
-        heading = state.heading_rad + heading_bias_rad + ATTITUDE_RAD * z[11]
-        v = Vec3(
-            state.velocity_north_m_s + VELOCITY_M_S * z[12],
-            state.velocity_east_m_s + VELOCITY_M_S * z[13],
-            state.velocity_down_m_s + VELOCITY_M_S * z[14],
-        )
-        airspeed = state.airspeed_m_s + AIRSPEED_M_S * z[15] if has_airspeed else 0.0
+        bias = wandered(bias, z)
         true_airspeed = state.airspeed_m_s
 
         # the vehicle flies on while the measurement is under way
@@ -202,43 +208,85 @@ def fly(
         gusts = gusts_step(turbulence, gusts, state.airspeed_m_s, (z[0], z[1], z[2]), GUIDE_STEP_S)
 
         ahead = AGE_S + ahead_s
-        measured = Measured(
-            Pose(x, from_euler(roll, pitch, heading)),
-            v,
-            airspeed,
-            wind_given,
-            Vec3(wind.north_m_s, wind.east_m_s, wind.down_m_s),
-            ahead,
-        )
         r = planned(task, phase, height_m)
-        seen = planned(task, phase_step(task, phase, -ahead * memory.waiting.rate), height_m)
+        then = planned(task, phase_step(task, phase, -ahead * memory.waiting.rate), height_m)
         before = memory.waiting.waited_s
+        measured = measured_of(seen, has_airspeed, wind_given, wind, ahead)
         memory, demand, found = airplane_step(guide, memory, measured, r, GUIDE_STEP_S)
         state = model.told(state, demand.roll_rad, demand.pitch_rad, demand.throttle)
         phase = phase_step(task, phase, GUIDE_STEP_S - (memory.waiting.waited_s - before))
+        write(record[n], n * GUIDE_STEP_S, seen, then, true_airspeed, demand, found)
 
-        e_n, e_e = x.x - seen.position.x, x.y - seen.position.y
-        e_d = x.z - seen.position.z
-        speed = sqrt(seen.velocity.x**2 + seen.velocity.y**2)
-        c, s = seen.velocity.x / speed, seen.velocity.y / speed
-        row = record[n]
-        row[0] = n * GUIDE_STEP_S
-        row[1] = sqrt(e_n * e_n + e_e * e_e + e_d * e_d)
-        row[2] = c * e_e - s * e_n
-        row[3] = c * e_n + s * e_e
-        row[4] = e_d
-        row[5] = true_airspeed
-        row[6] = found.asked_m_s
-        row[7] = found.load
-        row[8] = roll
-        row[9] = demand.roll_rad
-        row[10] = demand.throttle
-        row[11] = 1.0 if found.bank_saturated else 0.0
-        row[12] = 1.0 if found.stall_guard else 0.0
-        row[13] = found.clock_rate
-        row[14] = found.trims.effectiveness
-        row[15] = found.trims.pitch_rad
-        row[16] = found.trims.throttle
-        row[17] = found.wind_ned_m_s.x
-        row[18] = found.wind_ned_m_s.y
-        row[19] = -x.z
+
+def sensed(true: Seen, bias_m: Vec3, heading_bias_rad: float, z: NDArray[np.float64]) -> Seen:
+    """What the estimator makes of the truth."""
+    x, v = true.position_ned_m, true.velocity_ned_m_s
+    return Seen(
+        Vec3(
+            x.x + POSITION_M * z[3] + bias_m.x,
+            x.y + POSITION_M * z[4] + bias_m.y,
+            x.z + POSITION_M * z[5] + bias_m.z,
+        ),
+        Vec3(v.x + VELOCITY_M_S * z[12], v.y + VELOCITY_M_S * z[13], v.z + VELOCITY_M_S * z[14]),
+        true.roll_rad + ATTITUDE_RAD * z[9],
+        true.pitch_rad + ATTITUDE_RAD * z[10],
+        true.heading_rad + heading_bias_rad + ATTITUDE_RAD * z[11],
+        true.airspeed_m_s + AIRSPEED_M_S * z[15],
+    )
+
+
+def wandered(bias_m: Vec3, z: NDArray[np.float64]) -> Vec3:
+    """The position's bias, a guide's step later."""
+    fade = exp(-GUIDE_STEP_S / BIAS_CORRELATION_S)
+    drive = BIAS_M * sqrt(1.0 - fade * fade)
+    return Vec3(
+        fade * bias_m.x + drive * z[6], fade * bias_m.y + drive * z[7], fade * bias_m.z + drive * z[8]
+    )
+
+
+def measured_of(seen: Seen, has_airspeed: bool, wind_given: bool, wind: Wind, ahead_s: float) -> Measured:
+    """What the guide is told, `ahead_s` before its demand acts."""
+    return Measured(
+        Pose(seen.position_ned_m, from_euler(seen.roll_rad, seen.pitch_rad, seen.heading_rad)),
+        seen.velocity_ned_m_s,
+        seen.airspeed_m_s if has_airspeed else 0.0,
+        wind_given,
+        Vec3(wind.north_m_s, wind.east_m_s, wind.down_m_s),
+        ahead_s,
+    )
+
+
+def write(
+    row: NDArray[np.float64],
+    time_s: float,
+    seen: Seen,
+    reference: Reference,
+    airspeed_m_s: float,
+    demand: Demand,
+    found: Evaluation,
+) -> None:
+    """One row of the record: the reference of the instant that was seen, and the true airspeed then."""
+    x, r, v = seen.position_ned_m, reference.position, reference.velocity
+    e_n, e_e, e_d = x.x - r.x, x.y - r.y, x.z - r.z
+    speed = sqrt(v.x * v.x + v.y * v.y)
+    c, s = v.x / speed, v.y / speed
+    row[0] = time_s
+    row[1] = sqrt(e_n * e_n + e_e * e_e + e_d * e_d)
+    row[2] = c * e_e - s * e_n
+    row[3] = c * e_n + s * e_e
+    row[4] = e_d
+    row[5] = airspeed_m_s
+    row[6] = found.asked_m_s
+    row[7] = found.load
+    row[8] = seen.roll_rad
+    row[9] = demand.roll_rad
+    row[10] = demand.throttle
+    row[11] = 1.0 if found.bank_saturated else 0.0
+    row[12] = 1.0 if found.stall_guard else 0.0
+    row[13] = found.clock_rate
+    row[14] = found.trims.effectiveness
+    row[15] = found.trims.pitch_rad
+    row[16] = found.trims.throttle
+    row[17] = found.wind_ned_m_s.x
+    row[18] = found.wind_ned_m_s.y
+    row[19] = -x.z

@@ -9,15 +9,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from guidance.handling import (
-    airplane,
-    airplane_bank,
-    airplane_envelope,
-    airplane_pitch,
-    airplane_throttle,
-    airplane_wind,
-    waiting,
-)
+from guidance.handling import airplane
+from guidance.handling.airplane_defaults import Airframe, handling, patience
 from sitl.airplane_flight import (
     CIRCLE,
     COLUMNS,
@@ -35,9 +28,39 @@ from sitl.models import airplane as model
 from sitl.models.files import load_airplane
 from sitl.models.gusts import CALM, Turbulence, Wind
 
-WAITING: Final = waiting.Parameters(0.5, 1.15, 0.35, 0.5, 0.4)
-PUNCTUAL: Final = waiting.OFF
-WIND: Final = airplane_wind.Parameters(0.3, 0.05, 0.5, 15.0)
+#: What a manual would say of PX4's SIH airplane, and of ArduPlane's.
+AIRFRAME_12: Final = Airframe(
+    airspeed_min_m_s=10.0,
+    airspeed_cruise_m_s=12.0,
+    airspeed_max_m_s=14.0,
+    climb_max_m_s=2.5,
+    sink_max_m_s=3.0,
+    climb_full_m_s=3.0,
+    throttle_cruise=0.8,
+    bank_max_rad=radians(45.0),
+    pitch_cruise_rad=radians(-1.5),
+    pitch_lowest_rad=radians(-25.0),
+    pitch_highest_rad=radians(25.0),
+    roll_rate_rad_s=1.5,
+    lag_s=0.16,
+    floor_down_m=-20.0,
+)
+AIRFRAME_20: Final = Airframe(
+    airspeed_min_m_s=11.0,
+    airspeed_cruise_m_s=20.0,
+    airspeed_max_m_s=26.0,
+    climb_max_m_s=4.0,
+    sink_max_m_s=4.0,
+    climb_full_m_s=17.0,
+    throttle_cruise=0.36,
+    bank_max_rad=radians(64.0),
+    pitch_cruise_rad=radians(-1.5),
+    pitch_lowest_rad=radians(-18.0),
+    pitch_highest_rad=radians(22.0),
+    roll_rate_rad_s=1.5,
+    lag_s=0.43,
+    floor_down_m=-20.0,
+)
 
 
 class Airplane(NamedTuple):
@@ -49,47 +72,13 @@ class Airplane(NamedTuple):
 
 
 def airplane_12() -> Airplane:
-    """Like PX4's SIH airplane at 12 m/s. The guide knows its body to 10 or 20 %, as one would by hand."""
-    return Airplane(
-        load_airplane("airplane_12"),
-        airplane.Parameters(
-            k_per_s=0.65,
-            k_up_per_s=0.8,
-            approach_m_s=13.0,
-            approach_up_m_s=2.0,
-            rho_per_s=1.8,
-            roll_rate_rad_s=1.5,
-            envelope=airplane_envelope.Parameters(10.0, 1.1, 14.0, radians(45.0), 1.5, 2.5, 3.0, -20.0, 0.5),
-            bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
-            pitch=airplane_pitch.Parameters(-0.06, 5.0, 0.5, 0.3, 0.15, radians(-25), radians(25)),
-            throttle=airplane_throttle.Parameters(12.5, 0.06, 300.0, 0.25, 0.06, 0.3, 0.0, 1.0),
-            wind=WIND,
-            waiting=PUNCTUAL,
-        ),
-        0.05,
-    )
+    """Like PX4's SIH airplane at 12 m/s."""
+    return Airplane(load_airplane("airplane_12"), handling(AIRFRAME_12), 0.05)
 
 
 def airplane_20() -> Airplane:
     """Like ArduPlane's at 20 m/s."""
-    return Airplane(
-        load_airplane("airplane_20"),
-        airplane.Parameters(
-            k_per_s=0.7,
-            k_up_per_s=0.8,
-            approach_m_s=18.0,
-            approach_up_m_s=3.0,
-            rho_per_s=1.5,
-            roll_rate_rad_s=1.5,
-            envelope=airplane_envelope.Parameters(11.0, 2.5, 26.0, radians(64.0), 2.4, 4.0, 4.0, -20.0, 0.5),
-            bank=airplane_bank.Parameters(0.6, 1.3, 0.3, 1.0, 0.25),
-            pitch=airplane_pitch.Parameters(-0.06, 12.0, 0.25, 0.3, 0.15, radians(-18), radians(22)),
-            throttle=airplane_throttle.Parameters(13.0, 0.0115, 120.0, 0.12, 0.05, 0.3, 0.0, 1.0),
-            wind=WIND,
-            waiting=PUNCTUAL,
-        ),
-        0.1,
-    )
+    return Airplane(load_airplane("airplane_20"), handling(AIRFRAME_20), 0.1)
 
 
 class Scenario(NamedTuple):
@@ -161,31 +150,50 @@ def flown(
 
     The seed draws noise, gusts, where the wind blows to and the bias of the heading.
     """
-    steps = round(scenario.duration_s / GUIDE_STEP_S)
-    dice = np.random.default_rng(seed)
-    normals = dice.standard_normal((steps, NOISES))
-    record = np.zeros((steps, len(COLUMNS)))
-    gusts = 0.16 * scenario.wind_m_s
-    from_rad = dice.uniform(0.0, 2.0 * np.pi)
-    wind = Wind(scenario.wind_m_s * float(np.cos(from_rad)), scenario.wind_m_s * float(np.sin(from_rad)), 0.0)
-    weather = Turbulence(wind if scenario.wind_m_s > 0.0 else CALM, gusts, 0.6 * gusts, 200.0, 50.0)
-    guide = plane.guide._replace(waiting=WAITING) if scenario.waits else plane.guide
+    dice = drawn(scenario, seed)
+    record = np.zeros((dice.normals.shape[0], len(COLUMNS)))
     compiled(
         plane.body,
-        guide,
+        patient(plane.guide, scenario),
         airplane.UNTRIMMED,
         plane.ahead_s,
         scenario.task,
         scenario.start.height_m,
-        started(plane.body, scenario.task, scenario.start, weather.wind),
-        weather,
+        started(plane.body, scenario.task, scenario.start, dice.weather.wind),
+        dice.weather,
         scenario.wind_given,
         has_airspeed,
-        float(dice.uniform(-HEADING_BIAS_RAD, HEADING_BIAS_RAD)),
-        normals,
+        dice.heading_bias_rad,
+        dice.normals,
         record,
     )
     return record
+
+
+class Drawn(NamedTuple):
+    """What a seed draws: noise (steps, NOISES), weather, and the bias of the heading."""
+
+    normals: NDArray[np.float64]
+    weather: Turbulence
+    heading_bias_rad: float
+
+
+def drawn(scenario: Scenario, seed: int) -> Drawn:
+    """The dice of one flight; where the wind blows to is drawn too."""
+    dice = np.random.default_rng(seed)
+    normals = dice.standard_normal((round(scenario.duration_s / GUIDE_STEP_S), NOISES))
+    gusts = 0.16 * scenario.wind_m_s
+    to_rad = dice.uniform(0.0, 2.0 * np.pi)
+    wind = Wind(scenario.wind_m_s * float(np.cos(to_rad)), scenario.wind_m_s * float(np.sin(to_rad)), 0.0)
+    weather = Turbulence(wind if scenario.wind_m_s > 0.0 else CALM, gusts, 0.6 * gusts, 200.0, 50.0)
+    return Drawn(normals, weather, float(dice.uniform(-HEADING_BIAS_RAD, HEADING_BIAS_RAD)))
+
+
+def patient(guide: airplane.Parameters, scenario: Scenario) -> airplane.Parameters:
+    """The guide with the clock of this scenario."""
+    if not scenario.waits:
+        return guide
+    return guide._replace(waiting=patience(scenario.task.speed_m_s, guide.k_per_s))
 
 
 def figures(record: NDArray[np.float64]) -> Figures:

@@ -19,6 +19,7 @@ from sitl.campaign.command import campaign
 from sitl.faults.command import faults
 from sitl.fuzzing.command import fuzz
 from sitl.plant import PlantParameters
+from sitl.scenarios.command import scenarios
 from sitl.shell import ShellOptions, run
 from sitl.vehicle import USUAL, Firmware, Noise, Origin, VehicleOptions, fitting
 from sitl.vehicle.estimator import SILENT
@@ -42,6 +43,7 @@ app.add_typer(benchmarks, name="bench")
 app.command()(campaign)
 app.command()(faults)
 app.command()(fuzz)
+app.command()(scenarios)
 
 
 @app.command()

@@ -59,8 +59,8 @@ from guidance.handling import (
 from sitl import airplane_flight, copter_flight, plant
 from sitl.campaign import draw, flight
 from sitl.models import airplane as airplane_model
+from sitl.models import attitude, gusts, rover
 from sitl.models import copter as copter_model
-from sitl.models import gusts, rover
 
 #: Every module that has text in the machine code.
 MATHS: Final[tuple[ModuleType, ...]] = (
@@ -96,6 +96,7 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     draw,
     airplane_model,
     gusts,
+    attitude,
     copter_model,
     airplane_flight,
     copter_flight,

@@ -34,6 +34,7 @@ from guidance.se3 import (
 from guidance.se3 import exp as moved_by
 from guidance.trajectory import circle, helix, lemniscate, line
 from sitl.models import copter as model
+from sitl.models.attitude import roll_pitch_heading
 from sitl.models.gusts import NO_GUSTS, Turbulence, blowing, gusts_step
 
 MODEL_STEP_S: Final = 0.004
@@ -126,7 +127,7 @@ def fly(
             east + max(-BIAS_MAX_M, min(BIAS_MAX_M, bias.y)),
             down + max(-BIAS_MAX_M, min(BIAS_MAX_M, bias.z)),
         )
-        roll, pitch, heading = model.roll_pitch_heading(state.attitude_wxyz)
+        roll, pitch, heading = roll_pitch_heading(state.attitude_wxyz)
         attitude = from_euler(
             roll + ATTITUDE_RAD * z[9],
             pitch + ATTITUDE_RAD * z[10],

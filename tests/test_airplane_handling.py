@@ -22,9 +22,10 @@ from guidance.handling import (
 )
 from guidance.handling.airplane import Measured, airplane_step
 from guidance.handling.airplane_bank import GRAVITY_M_S2
+from guidance.handling.airplane_defaults import patience
 from guidance.se3 import ZERO, Pose, Reference, Vec3, from_euler
 from guidance.trajectory import circle
-from sitl.airplane_tasks import WAITING, airplane_12, airplane_20
+from sitl.airplane_tasks import airplane_12, airplane_20
 
 DT_S = 0.02
 ENVELOPE = airplane_envelope.Parameters(10.0, 1.0, 20.0, radians(45.0), 1.5, 3.0, 3.0, -20.0, 0.5)
@@ -318,7 +319,7 @@ def clock(e_north_m: float, v_m_s: float, slower: float, faster: float, curve_m_
     memory = waiting.ON_TIME
     for _ in range(500):
         memory = airplane_clock.clock_step(
-            WAITING,
+            PATIENCE,
             memory,
             planned,
             Vec3(e_north_m, 0.0, 0.0),
@@ -333,8 +334,8 @@ def clock(e_north_m: float, v_m_s: float, slower: float, faster: float, curve_m_
 
 def test_the_clock_waits_and_hastens_within_its_bounds() -> None:
     assert clock(0.0, 10.0, 2.0, 4.0) == pytest.approx(1.0)
-    assert clock(-100.0, 10.0, 2.0, 4.0) == WAITING.slowest
-    assert clock(100.0, 10.0, 2.0, 4.0) == WAITING.fastest
+    assert clock(-100.0, 10.0, 2.0, 4.0) == PATIENCE.slowest
+    assert clock(100.0, 10.0, 2.0, 4.0) == PATIENCE.fastest
 
 
 def test_the_clock_is_what_the_wind_leaves() -> None:
@@ -343,7 +344,7 @@ def test_the_clock_is_what_the_wind_leaves() -> None:
     assert clock(0.0, 14.0, 1.0, 4.0) == pytest.approx(1.3)
     assert clock(5.0, 14.0, 1.0, 4.0) == pytest.approx(1.3 + airplane_clock.CAUGHT_UP)
     # but one that is behind is waited for
-    assert clock(-50.0, 14.0, 1.0, 4.0) == WAITING.slowest
+    assert clock(-50.0, 14.0, 1.0, 4.0) == PATIENCE.slowest
 
 
 def test_the_clock_is_no_quicker_than_the_turn_that_a_bank_gives() -> None:
@@ -363,6 +364,7 @@ def test_a_clock_that_is_off_is_off() -> None:
 
 # --- the step ---
 
+PATIENCE = patience(20.0, 0.7)
 AIRPLANES = {12: airplane_12(), 20: airplane_20()}
 REACH = st.floats(-500.0, 500.0)
 SPEED = st.floats(-40.0, 40.0)
@@ -392,7 +394,7 @@ def test_whatever_is_measured_what_is_asked_is_finite_and_within_limits(
     given_wind: bool,
     dt_s: float,
 ) -> None:
-    guide = AIRPLANES[speed].guide._replace(waiting=WAITING)
+    guide = AIRPLANES[speed].guide._replace(waiting=PATIENCE)
     memory = airplane.unstarted(airplane.UNTRIMMED)
     measured = Measured(
         Pose(Vec3(*position), from_euler(*angles)),

@@ -17,7 +17,7 @@ from guidance.law import GLOBAL, UNSTARTED, Gains, Limits, Parameters, guide_ste
 from guidance.limits import Controls
 from guidance.se3 import Pose, Quaternion, Twist, Vec3, norm
 from guidance.trajectory import TRAJECTORIES as ALL_TRAJECTORIES
-from guidance.trajectory import Circle, Helix, Lemniscate, Line, Zigzag, sample
+from guidance.trajectory import Circle, Eight, Helix, Lemniscate, Line, Zigzag, sample
 from sitl.bench_campaign import PLAN, UnavailableError, c_loop, difference
 from sitl.campaign.flight import OUTCOMES, PARAMETERS, START_RATES, TRAJECTORIES, Rows, reference_at
 from sitl.campaign.plan import Plan
@@ -164,7 +164,14 @@ def test_motion_at_the_start_matters_to_lags_and_to_limits_on_change(
 
 
 @pytest.mark.parametrize(
-    "curve", [Helix(radius_m=2.0), Circle(), Line(heading_deg=30.0), Zigzag(), Lemniscate()]
+    "curve",
+    [
+        Helix(radius_m=2.0, down_m=3.0, levels_off_m=2.0),
+        Circle(),
+        Line(heading_deg=30.0),
+        Zigzag(),
+        Lemniscate(),
+    ],
 )
 def test_a_campaigns_reference_is_the_trajectorys(curve: Helix | Circle | Line | Zigzag | Lemniscate) -> None:
     common = Plan(trajectory=curve).common()
@@ -172,8 +179,15 @@ def test_a_campaigns_reference_is_the_trajectorys(curve: Helix | Circle | Line |
         assert reference_at(common.trajectory, common.shape, t) == sample(curve, t)
 
 
-def test_every_trajectory_can_be_flown() -> None:
-    assert set(TRAJECTORIES) == set(ALL_TRAJECTORIES.values())
+def test_every_trajectory_can_be_flown_but_the_eight_whose_arc_length_is_a_table() -> None:
+    assert set(TRAJECTORIES) == set(ALL_TRAJECTORIES.values()) - {Eight}
+    with pytest.raises(ValueError, match="a campaign cannot fly Eight"):
+        Plan(trajectory=Eight())
+
+
+def test_a_trajectory_that_stops_is_refused() -> None:
+    with pytest.raises(ValueError, match="a campaign flies none that stops; leave out stop_at_s"):
+        Plan(trajectory=Circle(stop_at_s=10.0))
 
 
 def test_a_flight_with_delay_and_wind_is_what_law_and_plant_give_in_a_loop_of_their_own() -> None:

@@ -52,7 +52,7 @@ def test_every_setting_may_be_set_to_what_it_is() -> None:
         ("vehicle.system_id", 2, "vehicle.system_id: cannot be set"),
         ("", 2, ": cannot be set"),
         ("limits.yaw_rate_max_rad_s", 0.0, "limits.yaw_rate_max_rad_s = 0.0: must be a number from 0.001"),
-        ("limits.speed_max_m_s", 0.1, 'trajectory.name = "helix": it moves at 0.141 m/s, and the vehicle'),
+        ("limits.speed_max_m_s", 0.1, 'trajectory.name = "helix": speed: 0.141 m/s needed'),
         ("limits.speed_max_m_s", -5.0, "limits.speed_max_m_s = -5.0: must be a number from 0.001"),
         ("limits.keep_direction", 1.0, "limits.keep_direction = 1.0: must be true or false"),
     ],
@@ -72,8 +72,14 @@ def test_a_trajectory_is_taken_with_its_defaults_and_refused_with_its_key() -> N
         ({"name": "circe"}, "(did you mean circle?)"),
         ({"name": "circle", "radius_m": 0}, "trajectory.radius_m = 0: must be a number from 0.01"),
         ({"name": "circle", "radius": 1}, "trajectory.radius = 1: unknown key (did you mean radius_m?)"),
-        ({"name": "circle", "speed_m_s": 6}, "it moves at 6 m/s, and the vehicle at most at 5"),
-        ({"name": "circle", "radius_m": 0.1}, "turns at 10 rad/s, and the vehicle at most at 7.07"),
+        (
+            {"name": "circle", "speed_m_s": 6},
+            "speed: 6 m/s needed at t = 0 s (north 10 m, east 0 m), 5 m/s available",
+        ),
+        (
+            {"name": "circle", "radius_m": 0.1},
+            "turn: 10 rad/s needed at t = 0 s (north 0.1 m, east 0 m), 7.0711 rad/s available",
+        ),
         ({"name": "circle", "radius_m": None}, "trajectory.radius_m = None: must be a number"),
     ]
     for trajectory, why in refusals:

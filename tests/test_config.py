@@ -191,11 +191,11 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
 def test_a_trajectory_takes_only_its_own_keys() -> None:
     assert refusal("trajectory.name=helx") == (
         '--set trajectory.name=helx: trajectory.name = "helx": '
-        'must be "helix", "circle", "line", "zigzag" or "lemniscate" (did you mean helix?)'
+        'must be "helix", "circle", "line", "zigzag", "lemniscate" or "eight" (did you mean helix?)'
     )
     assert refusal("trajectory.leg_m=3") == (
         "--set trajectory.leg_m=3: trajectory.leg_m = 3: unknown key; "
-        'trajectory "helix" has radius_m, speed_m_s, down_m_s'
+        'trajectory "helix" has stop_at_s, stop_over_s, radius_m, speed_m_s, down_m_s, down_m, levels_off_m'
     )
     assert refusal("trajectory.radius_m=0").endswith("must be a number from 0.01 to 100000 (radius, m)")
     text, number = with_line("name", 'name = "demo"')

@@ -11,14 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from sitl.compiled import compiled
+from sitl.models.attitude import GRAVITY_M_S2, roll_pitch_heading
 from sitl.models.copter import (
-    GRAVITY_M_S2,
     IN_FLIGHT,
     Parameters,
     State,
     acting,
     hovering,
-    roll_pitch_heading,
     step,
     thrust_of,
     told,

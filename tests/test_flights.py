@@ -75,14 +75,14 @@ def test_setpoints_come_at_50_hz_without_a_gap_over_50_ms() -> None:
     assert timing.setpoint_gap_max_s < 0.05
 
 
-@pytest.mark.parametrize("name", ["helix", "circle", "line", "zigzag", "lemniscate"])
+@pytest.mark.parametrize("name", ["helix", "circle", "line", "zigzag", "lemniscate", "eight"])
 def test_every_trajectory_is_flown(name: str) -> None:
     figures = fly(make_flight(f"trajectory.name={name}"), 28.0)
     assert figures.rms_error_m is not None
     assert figures.rms_error_m < 0.01
 
 
-@pytest.mark.parametrize("name", ["helix", "circle", "line", "lemniscate"])
+@pytest.mark.parametrize("name", ["helix", "circle", "line", "lemniscate", "eight"])
 def test_the_rover_tracks_in_the_plane(name: str) -> None:
     figures = fly(make_flight(*ROVER, f"trajectory.name={name}"), 28.0)
     assert figures.rms_error_m is not None

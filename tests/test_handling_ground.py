@@ -3,24 +3,53 @@
 from __future__ import annotations
 
 from math import cos, isfinite, pi, sin
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import guidance
 from guidance.allocation import PITCH_YAW
+from guidance.config import load
+from guidance.flying.ground import ground_parameters
 from guidance.handling.ground import UNSTARTED, Demand, Measured, Memory, Parameters, ground_step
-from guidance.handling.rover import Autopilot, handling
 from guidance.handling.waiting import ON_TIME
 from guidance.law import GLOBAL, Gains, Limits, guide_step
 from guidance.law import UNSTARTED as LAW_UNSTARTED
 from guidance.law import Parameters as Law
-from guidance.se3 import Pose, Reference, Twist, Vec3, from_euler, from_yaw
+from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, from_euler, from_yaw
 from sitl.compiled import compiled
-from sitl.scenarios.tasks import paper_handling
 from tests.strategies import properties, reals, vectors
 
-ROVER = handling(Autopilot(), 0.1, waits=True)
+DEPLOY = Path(guidance.__file__).parents[1] / "deploy" / "ardupilot-rover.toml"
+#: ArduPilot's autotest values.
+VALUES = {
+    "WP_SPEED": 5.0,
+    "ATC_ACCEL_MAX": 1.0,
+    "ATC_STR_ACC_MAX": 120.0,
+    "ATC_STR_RAT_MAX": 120.0,
+    "ATC_TURN_MAX_G": 0.6,
+    "TURN_RADIUS": 0.9,
+}
+ROVER = ground_parameters(load(DEPLOY, ["ground.waits=true"]), ZERO, VALUES)
+#: Nothing around the law.
+BARE = ground_parameters(
+    load(
+        DEPLOY,
+        [
+            "ground.crawl_m_s=0",
+            "ground.lateral_acceleration_max_m_s2=1e9",
+            "ground.yaw_gain=1",
+            "ground.smoothing_s=0",
+            "ground.slip_max_deg=0",
+            "ground.speed_kp=0",
+            "ground.speed_ki_per_s=0",
+        ],
+    ),
+    ZERO,
+    {},
+)
 DT = 0.02
 
 
@@ -50,7 +79,7 @@ def flat(value: object) -> list[float]:
 
 
 @pytest.mark.timeout(120)  # it compiles
-@pytest.mark.parametrize("parameters", [ROVER, paper_handling()], ids=["rover", "paper"])
+@pytest.mark.parametrize("parameters", [ROVER, BARE], ids=["rover", "bare"])
 def test_compiled_it_is_the_same(parameters: Parameters) -> None:
     fast = compiled(ground_step)
     memory = same = UNSTARTED
@@ -82,7 +111,7 @@ def test_every_state_has_a_demand_within_the_limits(
 def test_with_all_switched_off_it_is_the_law() -> None:
     limits = Limits(-1e3, 1e3, 0.0, 0.0, 1e3)
     law = Law(GLOBAL, PITCH_YAW, Gains(1.0, 3.0, 3.0, 1.0), ROVER.law.error_function, limits)
-    bare = paper_handling()._replace(law=law)
+    bare = BARE._replace(law=law)
     at = measured(12.0, 1.0, 1.2, 1.5)
     _, demand, around = ground_step(bare, UNSTARTED, at, reference(0), DT)
     _, found = guide_step(law, LAW_UNSTARTED, at.pose, at.twist, reference(0), DT)
@@ -155,18 +184,19 @@ def test_too_fast_a_turn_is_driven_more_slowly_and_the_next_step_knows() -> None
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "yaw_rate", "crawl"),
+    ("values", "yaw_rate", "crawl"),
     [
-        (Autopilot(), 2.094, 1.885),
-        (Autopilot(ATC_STR_RAT_MAX=0.0), 2.0, 1.8),
-        (Autopilot(WP_SPEED=1.0), 2.094, 1.0),
+        ({}, 2.0, 1.8),
+        ({"ATC_STR_RAT_MAX": 0.0}, 2.0, 1.8),
+        ({"ATC_STR_RAT_MAX": 90.0}, 0.5 * pi, 0.45 * pi),
+        ({"WP_SPEED": 1.0}, 2.0, 1.0),
     ],
 )
-def test_the_default_comes_from_the_autopilots_parameters(
-    autopilot: Autopilot, yaw_rate: float, crawl: float
+def test_the_tighter_of_configuration_and_autopilot_holds(
+    values: dict[str, float], yaw_rate: float, crawl: float
 ) -> None:
-    found = handling(autopilot, 0.1)
-    assert found.law.limits.yaw_rate_rad_s == pytest.approx(yaw_rate, abs=1e-3)
-    assert found.crawl_m_s == pytest.approx(crawl, abs=1e-3)
-    assert found.law.limits.speed_max_m_s == autopilot.WP_SPEED
-    assert found.law.error_function.approach_m_s == pytest.approx(0.8 * autopilot.WP_SPEED)
+    found = ground_parameters(load(DEPLOY), ZERO, {**VALUES, **values})
+    assert found.law.limits.yaw_rate_rad_s == pytest.approx(yaw_rate)
+    assert found.crawl_m_s == pytest.approx(crawl)
+    assert found.lateral_acceleration_m_s2 == pytest.approx(0.7 * 9.81 * 0.6)
+    assert found.law.limits.acceleration_m_s2 == pytest.approx(0.95)

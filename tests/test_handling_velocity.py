@@ -56,9 +56,22 @@ def after(
 def test_what_is_asked_for_is_the_field() -> None:
     moving = Reference(Vec3(1.0, 2.0, -3.0), Vec3(0.5, -0.3, 0.1), ZERO)
     x = Vec3(0.4, 2.5, -3.2)
-    demand = after(PLAIN, seen(x), moving, 200)[1]
-    field = desired_field(PLAIN.gains, x, moving, PLAIN.error_function)
-    assert demand.velocity_ned_m_s == pytest.approx(field.Xr)
+    memory = after(PLAIN, seen(x), moving, 200)[0]
+    for n in range(20):
+        x = Vec3(0.4 + 1e-3 * n, 2.5 - 7e-4 * n, -3.2)
+        memory, demand, _ = velocity_step(PLAIN, memory, seen(x), moving, DT)
+        field = desired_field(PLAIN.gains, x, moving, PLAIN.error_function)
+        assert demand.velocity_ned_m_s == pytest.approx(field.Xr)
+
+
+def test_what_no_limit_changes_is_kept_to_the_bit() -> None:
+    """And so is not taken for limited."""
+    memory = after(PLAIN, seen(ZERO), STANDING, 2)[0]
+    for n in range(20):
+        x = Vec3(0.013 * sin(n), 0.011 * cos(2 * n), 0.007 * sin(3 * n))
+        memory, _, found = velocity_step(PLAIN, memory, seen(x), STANDING, DT)
+        field = desired_field(PLAIN.gains, x, STANDING, PLAIN.error_function)
+        assert found.wanted_ned_m_s == field.Xr
 
 
 def test_speeds_and_their_change_are_bounded_and_keep_the_direction() -> None:

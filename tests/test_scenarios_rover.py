@@ -1,107 +1,120 @@
-"""What the rover must reach, on its model with noise, and what the paper's gains do there."""
+"""What a rover must reach, flown by the whole service on its model with noise; what the paper's gains do."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
-from math import pi
+from math import inf, pi
 
 import pytest
+from typer.testing import CliRunner
 
-from guidance.handling.rover import Autopilot, handling
-from sitl.models.files import load_rover
-from sitl.scenarios.ground import SILENT, Setting, Task, fly
-from sitl.scenarios.tasks import (
-    KNOWN_DELAY_S,
-    ROVER,
-    VARIATIONS,
-    Row,
-    Variation,
-    fly_row,
-    in_words,
-    paper_handling,
+from sitl.cli import app
+from sitl.scenarios.flight import Task, fly
+from sitl.scenarios.rover import CORNER_S, ON_A_CIRCLE, WAITS, rows, task
+from sitl.scenarios.table import AS_IT_IS, Limits, Row, Variation, fly_row, in_words
+from sitl.vehicle.estimator import SILENT
+
+ROWS = rows()
+CIRCLE = ROWS[0].task
+QUIET = replace(CIRCLE, noise=SILENT)
+#: The paper's law and gains (section 4), and nothing around them.
+PAPER = (
+    "law.name=paper",
+    "law.rho2_per_s=10",
+    "law.rho3_per_s=10",
+    "law.error_function.name=quadratic",
+    "limits.speed_min_m_s=-5",
+    "limits.acceleration_max_m_s2=100",
+    "limits.yaw_acceleration_max_rad_s2=100",
+    "link.actuation_delay_s=0",
+    "ground.enabled=false",
 )
 
-CIRCLE = ROVER[0]
-DEFAULT = Setting(load_rover("rover"), handling(Autopilot(), KNOWN_DELAY_S), KNOWN_DELAY_S)
+
+def with_settings(flown: Task, *settings: str) -> Task:
+    return replace(flown, settings=(*flown.settings, *settings))
 
 
-@pytest.mark.parametrize("row", ROVER, ids=lambda row: row.name)
-@pytest.mark.parametrize("variation", VARIATIONS, ids=lambda variation: variation.name)
+@pytest.mark.parametrize(
+    ("row", "variation"),
+    [
+        pytest.param(row, variation, id=f"{row.name}, {variation.name}")
+        for row in ROWS
+        for variation in row.variations
+    ],
+)
 def test_it_reaches_what_it_must(row: Row, variation: Variation) -> None:
-    result = fly_row(row, variation, seeds=3 if variation is VARIATIONS[0] else 1)
+    result = fly_row(row, variation, seeds=2 if variation is AS_IT_IS else 1)
     assert not result.missed, in_words(result)
-    assert result.figures.reverse_m_s == 0.0
+    assert result.figures is not None
     assert not result.figures.stuck
 
 
 def test_the_papers_gains_are_a_limit_cycle_of_metres() -> None:
-    figures = fly(CIRCLE.task, replace(DEFAULT, handling=paper_handling(), predicts=False, noise=SILENT))
+    figures = fly(with_settings(QUIET, *PAPER))
     assert figures.rms_m > 1.0
-    assert figures.converged_s == float("inf")
-    assert figures.saturated_part > 0.5
+    assert figures.converged_s == inf
 
 
 def test_without_noise_it_is_exact() -> None:
-    figures = fly(CIRCLE.task, replace(DEFAULT, noise=SILENT))
-    assert figures.rms_m < 0.005
+    assert fly(QUIET).rms_m < 0.01
 
 
 def test_each_part_around_the_law_is_needed() -> None:
     """Without it the same flight misses a figure that it reaches with it, or never leaves."""
-    whole = DEFAULT.handling
-    flat = whole.speed_loop._replace(kp=0.0, ki=0.0)
-    less = replace(DEFAULT, thrust_part=0.7)
-    assert fly(CIRCLE.task, replace(less, handling=whole._replace(speed_loop=flat))).rms_m > 0.3
-    blind = whole._replace(slip=whole.slip._replace(bound_rad=0.0))
-    assert fly(CIRCLE.task, replace(DEFAULT, handling=blind)).rms_m > 0.04
-    away = ROVER[5].task
-    still = fly(
-        replace(away, duration_s=10.0, settled_s=5.0),
-        replace(DEFAULT, handling=whole._replace(crawl_m_s=0.0)),
-    )
-    assert still.converged_s == float("inf")
-    assert max(row[4] for row in still.trace) < 0.1
-    assert still.stuck is False  # it is not asked for anything: that is a deadlock, not a ditch
+    slow = replace(CIRCLE, speed_part=0.7)
+    assert fly(with_settings(slow, "ground.speed_kp=0", "ground.speed_ki_per_s=0")).rms_m > 0.3
+    assert fly(with_settings(CIRCLE, "ground.slip_max_deg=0")).rms_m > 1.5 * fly(CIRCLE).rms_m
+    away = replace(ROWS[5].task, duration_s=10.0, noise=SILENT)
+    still = fly(with_settings(away, "ground.crawl_m_s=0", "guards.effect_s=60"))
+    assert still.converged_s == inf
+    assert still.trace[-1][2:4] == pytest.approx(still.trace[0][2:4], abs=0.5)
 
 
-def test_a_reference_that_waits_halves_nothing_it_need_not() -> None:
-    waits = replace(DEFAULT, handling=handling(Autopilot(), KNOWN_DELAY_S, waits=True))
-    assert fly(ROVER[4].task, waits).converged_s < 0.8 * fly(ROVER[4].task, DEFAULT).converged_s
-    on_time = fly(CIRCLE.task, replace(waits, noise=SILENT)).trace[-1]
-    assert on_time[5] == pytest.approx(1.0, abs=0.02)
+def test_a_reference_that_waits_is_reached_earlier() -> None:
+    away = task(ON_A_CIRCLE, (25.0, 0.0, 0.0), 25.0)
+    assert fly(with_settings(away, *WAITS)).converged_s < 0.8 * fly(away).converged_s
+    assert fly(with_settings(QUIET, *WAITS)).rms_m < 0.02
 
 
-def test_a_boat_in_a_current_and_wind_stays_on_its_circle() -> None:
-    boat = Autopilot(
-        WP_SPEED=3.0,
-        ATC_ACCEL_MAX=0.7,
-        ATC_STR_ACC_MAX=57.0,
-        ATC_STR_RAT_MAX=60.0,
-        ATC_TURN_MAX_G=0.3,
-        TURN_RADIUS=2.0,
-        yaw_gain=0.9,
-    )
-    setting = replace(DEFAULT, model=load_rover("boat"), handling=handling(boat, 0.2), known_delay_s=0.2)
-    figures = fly(CIRCLE.task, replace(setting, wind_ne_m_s=(3.0, -3.0)))
-    assert figures.rms_m < 0.12
-    assert figures.max_m < 0.3
-
-
-def test_a_vehicle_in_a_ditch_is_found() -> None:
-    ditch = load_rover("rover")._replace(speed_max_m_s=1e-3)
-    figures = fly(replace(CIRCLE.task, duration_s=8.0, settled_s=4.0), replace(DEFAULT, model=ditch))
-    assert figures.stuck
-
-
-def test_a_flight_is_twice_the_same_and_another_with_another_seed() -> None:
-    short = Task(CIRCLE.task.trajectory, (9.0, 0.0, 0.5 * pi), 4.0, 2.0)
-    assert fly(short, DEFAULT) == fly(short, DEFAULT)
-    assert fly(short, DEFAULT) != fly(short, replace(DEFAULT, seed=1))
+def test_a_corner_is_waited_for() -> None:
+    plain, waits = (replace(row.task, duration_s=CORNER_S + 8.0, noise=SILENT) for row in ROWS[2:4])
+    assert fly(waits).corner_m < 0.85 * fly(plain).corner_m
 
 
 def test_a_delay_that_nobody_knows_of_is_no_limit_cycle() -> None:
-    late = replace(DEFAULT, extra_delay_s=0.16, extra_is_known=False)
-    assert fly(CIRCLE.task, late).rms_m < 0.06
-    stiff = DEFAULT.handling.law
-    stiff = stiff._replace(gains=stiff.gains._replace(k=1.2))
-    assert fly(CIRCLE.task, replace(late, handling=DEFAULT.handling._replace(law=stiff))).rms_m > 0.5
+    assert fly(with_settings(CIRCLE, "link.actuation_delay_s=0")).rms_m < 0.06
+
+
+def test_a_flight_is_twice_the_same_and_another_with_another_seed() -> None:
+    short = task(ON_A_CIRCLE, (9.0, 0.0, 0.5 * pi), 4.0)
+    assert fly(short) == fly(short)
+    assert fly(short) != fly(short, seed=1)
+
+
+def test_the_command_prints_the_table() -> None:
+    command = ("scenarios", "--profile", "ardupilot-rover", "--task", "circle r", "--plain", "--seeds", "1")
+    found = CliRunner().invoke(app, [*command, "--json"])
+    assert found.exit_code == 0, found.output
+    (row,) = json.loads(found.stdout)
+    assert (row["task"], row["missed"]) == (ROWS[0].name, [])
+    assert 0.0 < row["figures"]["rms_m"] <= row["limits"]["rms_m"] == 0.03
+    assert row["limits"]["corner_m"] is None
+    nothing = CliRunner().invoke(app, ["scenarios", "--profile", "zeppelin"])
+    assert nothing.exit_code == 2
+    assert "profiles are ardupilot-rover" in nothing.output
+
+
+def test_a_limit_that_is_missed_is_said() -> None:
+    strict = replace(ROWS[0], limits=Limits(rms_m=0.001), task=replace(CIRCLE, duration_s=15.0))
+    result = fly_row(strict, seeds=1)
+    assert result.missed == ("rms_m",)
+    assert "MISSED" in in_words(result)
+
+
+def test_a_flight_that_does_not_come_about_is_said() -> None:
+    far = task(ON_A_CIRCLE, (500.0, 0.0, 0.0), 5.0)
+    result = fly_row(replace(ROWS[0], task=far), seeds=1)
+    assert result.figures is None
+    assert "engage_max_error_m" in in_words(result)

@@ -18,12 +18,14 @@ from guidance.se3 import norm
 from guidance.trajectory import (
     TRAJECTORIES,
     Circle,
+    Eight,
     Helix,
     Lemniscate,
     Line,
     Reference,
     Trajectory,
     Zigzag,
+    eased,
     sample,
 )
 from tests.strategies import properties
@@ -43,14 +45,21 @@ SMOOTH: list[Trajectory] = [
     Line(north_m=1.0, east_m=2.0, down_m=3.0, heading_deg=210.0, speed_m_s=2.0, climb_m_s=0.5),
     Lemniscate(),
     Lemniscate(length_m=5.0, width_m=30.0, speed_m_s=6.0, down_m=-2.0),
+    Helix(radius_m=80.0, speed_m_s=12.0, down_m_s=-1.0, down_m=-30.0, levels_off_m=40.0),
+    Helix(radius_m=80.0, speed_m_s=12.0, down_m_s=1.0, levels_off_m=1.0),
+    Eight(rise_m=10.0),
+    Eight(length_m=20.0, width_m=10.0, speed_m_s=2.0, down_m=-3.0, rise_m=-4.0),
+    Circle(radius_m=10.0, speed_m_s=3.0, stop_at_s=20.0),
+    Line(heading_deg=30.0, speed_m_s=3.0, climb_m_s=1.0, stop_at_s=2.0, stop_over_s=10.0),
+    Eight(length_m=40.0, width_m=20.0, speed_m_s=3.0, rise_m=2.0, stop_at_s=31.0, stop_over_s=7.0),
 ]
 
 
 def assert_derivatives_hold(curve: Trajectory, t_s: float) -> None:
-    h = 1e-4
+    h = 1e-5  # where a stop begins or ends, r''' jumps
     before, now, after = (sample(curve, t) for t in (t_s - h, t_s, t_s + h))
-    assert_allclose(np.subtract(after.position, before.position) / (2 * h), now.velocity, atol=1e-5)
-    assert_allclose(np.subtract(after.velocity, before.velocity) / (2 * h), now.acceleration, atol=1e-5)
+    assert_allclose(np.subtract(after.position, before.position) / (2 * h), now.velocity, atol=2e-5)
+    assert_allclose(np.subtract(after.velocity, before.velocity) / (2 * h), now.acceleration, atol=2e-5)
 
 
 @pytest.mark.parametrize("curve", SMOOTH, ids=repr)
@@ -134,8 +143,97 @@ def test_lemniscate_has_its_extent_and_is_fastest_at_the_crossing() -> None:
     assert_allclose(samples[0].position, samples[-1].position, atol=1e-12)
 
 
+SHAPES = [(400.0, 200.0), (20.0, 10.0), (1e5, 0.01), (0.01, 1e5), (300.0, 1e5), (60.0, 0.5), (0.01, 0.01)]
+
+
+def arc_by_sums_m(half_m: float, width_m: float, phase: float) -> float:
+    """Along (half sin p, width/2 sin 2p) from 0, by 20 points in each of thousands of pieces that crowd where
+    a thin one bends."""
+    near = np.geomspace(1e-12, 1.0, 1500)
+    bends = [bend + side * near for bend in (0.25 * pi, 0.5 * pi) for side in (-1.0, 1.0)]
+    ends = np.unique(np.clip(np.concatenate([[0.0, 0.25 * pi, 0.5 * pi, phase], *bends]), 0.0, phase))
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    reach = 0.5 * np.diff(ends)[:, None]
+    p = ends[:-1, None] + reach * (1.0 + nodes)
+    return float(np.sum(reach * weights * np.hypot(half_m * np.cos(p), width_m * np.cos(2.0 * p))))
+
+
+@pytest.mark.parametrize(("length_m", "width_m"), SHAPES)
+@pytest.mark.parametrize("part", [0.0, 1e-6, 0.1, 0.5, 0.707, 0.9, 0.999999, 1.0])
+def test_an_eight_is_where_its_arc_length_says(length_m: float, width_m: float, part: float) -> None:
+    """Of any proportion, to a billionth of its size; `part` of the first quarter."""
+    half_m = 0.5 * length_m
+    curve = Eight(length_m=length_m, width_m=width_m, speed_m_s=1.0)
+    p = part * 0.5 * pi
+    arc_m = arc_by_sums_m(half_m, width_m, p)
+    quarter_m = 0.25 * curve.cycle_s
+    size_m = max(length_m, width_m)
+    expected = np.array([half_m * sin(p), 0.5 * width_m * sin(2.0 * p), 0.0])
+    for t_s, mirrored in (
+        (arc_m, (1, 1)),
+        (2.0 * quarter_m - arc_m, (1, -1)),
+        (2.0 * quarter_m + arc_m, (-1, 1)),
+        (4.0 * quarter_m - arc_m, (-1, -1)),
+        (arc_m - 4.0 * quarter_m, (1, 1)),
+    ):
+        r = sample(curve, t_s)
+        assert_allclose(r.position, expected * [*mirrored, 1], atol=1e-9 * size_m, rtol=0)
+        assert hypot(*r.velocity) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_an_eight_rises_to_the_north_and_its_speed_over_ground_is_constant() -> None:
+    curve = Eight(length_m=400.0, width_m=200.0, speed_m_s=20.0, down_m=-60.0, rise_m=10.0)
+    samples = [sample(curve, t) for t in np.linspace(0.0, curve.cycle_s, 2001)]
+    assert_allclose([hypot(r.velocity.x, r.velocity.y) for r in samples], 20.0, rtol=1e-12)
+    highest = min(samples, key=lambda r: r.position.z)
+    assert_allclose(highest.position, (200.0, 0.0, -70.0), atol=0.01)
+    assert max(r.position.z for r in samples) == pytest.approx(-50.0, abs=1e-3)
+    assert_allclose(samples[0].position, samples[-1].position, atol=1e-9)
+    # it goes the way of the lemniscate
+    assert_allclose(samples[0].velocity[:2], np.array([sqrt(0.5)] * 2) * 20.0)
+
+
+def test_a_helix_levels_off_once_it_has_climbed_so_much() -> None:
+    curve = Helix(radius_m=80.0, speed_m_s=12.0, down_m_s=-1.0, down_m=-30.0, levels_off_m=40.0)
+    assert sample(curve, 10.0).position.z == pytest.approx(-40.0)
+    for t_s in (42.0, 60.0, 1000.0):
+        r = sample(curve, t_s)
+        assert r.position.z == pytest.approx(-70.0)
+        assert r.velocity.z == r.acceleration.z == 0.0
+        assert hypot(r.velocity.x, r.velocity.y) == pytest.approx(12.0)
+    low = Helix(down_m_s=2.0, levels_off_m=0.5)  # less than it sinks while it levels off
+    assert sample(low, 0.0).position.z == 0.0
+    assert sample(low, 9.0).position.z == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("curve", [curve for curve in SMOOTH if curve.stop_at_s > 0.0], ids=repr)
+def test_a_trajectory_that_stops_slows_down_without_a_jerk_and_stays(curve: Trajectory) -> None:
+    on = msgspec.structs.replace(curve, stop_at_s=0.0)
+    over_s = min(curve.stop_over_s, curve.stop_at_s)
+    begins_s = curve.stop_at_s - over_s
+    assert curve.eased_s == ((begins_s, curve.stop_at_s),)
+    assert sample(curve, begins_s) == sample(on, begins_s)
+    rest = sample(curve, curve.stop_at_s)
+    assert_allclose(rest.position, sample(on, begins_s + 0.5 * over_s).position, atol=1e-9)
+    assert rest.velocity == rest.acceleration == (0.0, 0.0, 0.0)
+    assert sample(curve, 1e5) == rest
+    times = np.linspace(begins_s - 0.1, curve.stop_at_s + 0.1, 4001)
+    accelerations = np.array([sample(curve, t).acceleration for t in times])
+    assert np.abs(np.diff(accelerations, axis=0)).max() < 0.01  # r'' is continuous, at both ends too
+
+
+@properties
+@given(st.floats(-10.0, 40.0), st.floats(0.1, 20.0))
+def test_an_eased_clock_never_runs_back_and_loses_half_of_what_it_takes(t_s: float, over_s: float) -> None:
+    clock = eased(t_s, 20.0, over_s)
+    assert 0.0 <= clock.rate <= 1.0
+    assert -1.5 / over_s <= clock.change_per_s <= 0.0
+    assert min(t_s, 20.0) - 0.5 * over_s - 1e-9 <= clock.time_s <= t_s
+    assert eased(30.0, 20.0, over_s) == (20.0 - 0.5 * over_s, 0.0, 0.0)
+
+
 def test_every_name_in_the_table_is_a_trajectory_a_configuration_can_name() -> None:
-    assert list(TRAJECTORIES) == ["helix", "circle", "line", "zigzag", "lemniscate"]
+    assert list(TRAJECTORIES) == ["helix", "circle", "line", "zigzag", "lemniscate", "eight"]
     assert set(TRAJECTORIES.values()) == set(get_args(Trajectory))
     for name, parameters in TRAJECTORIES.items():
         curve = msgspec.convert({"trajectory": {"name": name}}, Configuration).trajectory
@@ -149,7 +247,9 @@ def test_each_function_takes_time_and_the_fields_of_its_struct_in_order() -> Non
     assert trajectory._FUNCTIONS
     for parameters, function in trajectory._FUNCTIONS.items():
         names = list(inspect.signature(function).parameters)
-        assert names == ["t_s", *parameters.__struct_fields__]
+        stop, fields = parameters.__struct_fields__[:2], parameters.__struct_fields__[2:]
+        assert stop == ("stop_at_s", "stop_over_s")
+        assert names == ["t_s", *fields]
 
 
 def test_every_parameter_states_its_meaning_and_unit() -> None:
@@ -205,6 +305,11 @@ def test_the_smallest_and_largest_parameters_still_give_numbers() -> None:
         Helix(radius_m=1e5, speed_m_s=5e-324),
         Zigzag(leg_m=1e5, speed_m_s=5e-324),
         Lemniscate(length_m=0.01, width_m=0.01, speed_m_s=1e3),
+        Eight(length_m=1e5, width_m=0.01, speed_m_s=1e3, rise_m=1e5),
+        Eight(length_m=0.01, width_m=1e5, speed_m_s=1e-3),
+        Helix(down_m_s=5e-324, levels_off_m=5e-324),
+        Helix(down_m_s=5e-324, levels_off_m=1e5),
+        Circle(stop_at_s=5e-324),
     ]
     for curve in extremes:
         for t_s in (-1e6, 0.0, 1e9):

@@ -167,9 +167,12 @@ def test_a_north_wind_comes_from_0_degrees() -> None:
 
 
 def test_which_firmware_drives_which_model() -> None:
-    assert fitting("ideal") == [Firmware.PX4_UUV, Firmware.ARDUPILOT_ROVER]
+    assert set(fitting("ideal")) == {Firmware.PX4_UUV, Firmware.PX4_ROVER, Firmware.ARDUPILOT_ROVER}
     assert fitting("uuv") == [Firmware.PX4_UUV]
-    assert fitting("rover") == fitting("boat") == [Firmware.ARDUPILOT_ROVER]
+    assert fitting("rover") == fitting("boat") == [Firmware.ARDUPILOT_ROVER, Firmware.PX4_ROVER]
+    assert fitting("rover_px4")[0] == Firmware.PX4_ROVER
+    assert fitting("copter_ardupilot") == [Firmware.ARDUPILOT_COPTER, Firmware.PX4_COPTER]
+    assert fitting("copter")[0] == Firmware.PX4_COPTER
 
 
 def test_an_airplane_has_the_firmware_that_it_was_recorded_with() -> None:
@@ -193,6 +196,13 @@ def test_the_underwater_vehicle_lags_behind_the_ideal_one() -> None:
     assert (ideal[0].speed_m_s, real[0].speed_m_s) == (pytest.approx(2.0), 0.0)
     assert real[0].body_rates_frd_rad_s == (0.0, 0.0, 0.0), "still under way"
     assert real[-1].body_rates_frd_rad_s == pytest.approx((0.0, 0.095, 0.475), rel=1e-6)
+    # about one axis, later by the delay and the lag
+    half = 0.5 * math.hypot(0.095, 0.475) * (10.0 - 0.04 - 0.15)
+    part = math.sin(half) / math.hypot(0.095, 0.475)
+    wanted = (math.cos(half), 0.0, 0.095 * part, 0.475 * part)
+    assert abs(sum(a * b for a, b in zip(wanted, real[-1].attitude_wxyz, strict=True))) == pytest.approx(
+        1.0, abs=1e-4
+    )
     assert 2.0 < real[-1].speed_m_s < 2.4, "drag grows with the square of speed"
     times = [n * 0.02 for n, truth in enumerate(real) if truth.body_rates_frd_rad_s[2] > 0.3]
     assert times[0] == pytest.approx(0.04 + 0.15, abs=0.04)
@@ -242,6 +252,14 @@ def test_what_is_left_of_an_actuator_holds_for_every_kind_of_control(control: Co
     assert Effect(roll=0.0, yaw=-0.5, speed=0.25).of(control) == left
 
 
+def test_an_actuator_that_fails_fails_at_once_not_with_the_next_setpoint() -> None:
+    peer = px4_in_offboard()
+    peer.setpoint(rates=(0.0, 0.0, 0.3), thrust=0.4)
+    peer.run(0.01)
+    peer.vehicle.refit(peer.now_ns, effect=Effect(yaw=0.0))
+    assert peer.vehicle.truth(peer.now_ns).body_rates_frd_rad_s == (0.0, 0.0, 0.0)
+
+
 def test_a_model_is_refitted_by_its_file_only() -> None:
     peer = rover_in_guided(model="rover")
     peer.vehicle.refit(peer.now_ns, effect=Effect(yaw=0.0))
@@ -274,7 +292,7 @@ def test_a_parameter_file_is_a_model(tmp_path: Path) -> None:
     path = tmp_path / "slow.toml"
     shipped = (files("sitl.models") / "rover.toml").read_text()
     path.write_text(shipped.replace("speed_max_m_s = 20.0", "speed_max_m_s = 0.5"))
-    assert fitting(str(path)) == [Firmware.ARDUPILOT_ROVER]
+    assert Firmware.ARDUPILOT_ROVER in fitting(str(path))
     peer = rover_in_guided(model=str(path))
     peer.stream(8.0, 0x83, thrust=1.0)
     assert peer.vehicle.truth().speed_m_s == pytest.approx(0.5, rel=0.05)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf, radians
+from typing import Final
 
 from guidance.config import Config
 from guidance.estimate import Estimate
@@ -17,7 +18,7 @@ from guidance.records import GroundHandling
 from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, add, from_yaw, rotate_inverse, yaw_of
 from guidance.tuning import parameters
 
-_NEUTRAL = Demand()
+_NEUTRAL: Final = Demand()
 
 
 class Ground:

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 from guidance.limits import clamp
 from guidance.se3 import Reference, Vec3, dot, norm
+from guidance.trajectory import on_clock as on_clock  # how the law takes a reference on this clock
 
 
 class Parameters(NamedTuple):
@@ -57,14 +58,3 @@ def waiting_step(
     lowest, highest = memory.rate - p.falls_per_s * dt, memory.rate + p.rises_per_s * dt
     rate = clamp(clamp(wanted, p.slowest, p.fastest), lowest, highest)
     return Memory(rate, memory.waited_s + (1.0 - rate) * dt)
-
-
-def on_clock(planned: Reference, rate: float, rate_change: float) -> Reference:
-    """r, r', r'' by flight time, of a reference by its own; `rate` is s', `rate_change` s'' (1/s)."""
-    v, a = planned.velocity, planned.acceleration
-    two = rate * rate
-    return Reference(
-        planned.position,
-        Vec3(rate * v.x, rate * v.y, rate * v.z),
-        Vec3(two * a.x + rate_change * v.x, two * a.y + rate_change * v.y, two * a.z + rate_change * v.z),
-    )

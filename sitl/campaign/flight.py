@@ -123,7 +123,7 @@ TRAJECTORIES: Final[dict[type[trajectory.Trajectory], int]] = {
 def reference_at(kind: int, shape: tuple[float, float, float, float, float, float], t_s: float) -> Reference:
     """The trajectory at `t_s`."""
     if kind == 0:
-        return helix(t_s, shape[0], shape[1], shape[2])
+        return helix(t_s, shape[0], shape[1], shape[2], shape[3], shape[4])
     if kind == 1:
         return circle(t_s, shape[0], shape[1], shape[2] != 0.0, shape[3])
     if kind == 2:

@@ -125,6 +125,8 @@ class Plan:
         _one_of("allocation", self.allocation, tuning.ALLOCATIONS)
         if type(self.trajectory) not in TRAJECTORIES:
             raise ValueError(f"trajectory: a campaign cannot fly {type(self.trajectory).__name__}")
+        if self.trajectory.stop_at_s > 0.0:
+            raise ValueError("trajectory: a campaign flies none that stops; leave out stop_at_s")
         for name in ("acceleration_m_s2", "turn_acceleration_rad_s2"):
             _number(name, getattr(self, name), _ACCELERATION)
         _number("step_s", self.step_s, Bound(1e-5, 1.0))
@@ -170,7 +172,8 @@ class Plan:
 
     def common(self) -> Common:
         """What all flights share, as the loop takes it."""
-        shape = [float(value) for value in msgspec.structs.astuple(self.trajectory)]
+        # without the two keys of the stop, which every trajectory has first
+        shape = [float(value) for value in msgspec.structs.astuple(self.trajectory)[2:]]
         a, b, c, d, e, f = shape + [0.0] * (6 - len(shape))
         return Common(
             law=tuning.LAWS[self.law],

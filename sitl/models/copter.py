@@ -28,21 +28,26 @@ AC_PosControl (PSC_*, WPNAV_ACCEL over PSC_JERK_XY), the body that of both simul
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, exp, inf, sin, sqrt, tan
+from math import exp, inf, sqrt, tan
 from typing import Final, NamedTuple
 
+from sitl.models.attitude import (
+    GRAVITY_M_S2,
+    Triple,
+    Wxyz,
+    multiplied,
+    roll_pitch_heading,
+    tilted,
+    turned,
+)
 from sitl.models.gusts import Wind
 
 #: So many commands can be on their way; of more, the oldest act too early. 0.64 s at 50 Hz.
 IN_FLIGHT: Final = 32
-GRAVITY_M_S2: Final = 9.80665
 #: Rotors never push less than this part of the weight, so that there is always an attitude to hold.
 LEAST_THRUST: Final = 0.1
 #: The way that a led velocity may be ahead of the vehicle, m.
 GAP_MAX_M: Final = 2.0
-
-Triple = tuple[float, float, float]
-Wxyz = tuple[float, float, float, float]
 
 
 class Parameters(NamedTuple):
@@ -154,7 +159,7 @@ def hovering(parameters: Parameters, position_ned_m: Triple, heading_rad: float,
         _held(-c * wind.east_m_s),
         _held(-c * wind.down_m_s),
     )
-    attitude = _tilted(north.given_m_s2, east.given_m_s2, down.given_m_s2, heading_rad)
+    attitude = tilted(north.given_m_s2, east.given_m_s2, down.given_m_s2, heading_rad)
     still = Command(-inf, False, 0.0, 0.0, 0.0, 0.0)
     return State(
         0.0,
@@ -199,16 +204,6 @@ def acting(queue: tuple[Command, ...], time_s: float) -> Command:
         if command.acts_s <= time_s + 1e-9:
             found = command
     return found
-
-
-def roll_pitch_heading(attitude_wxyz: Wxyz) -> Triple:
-    """The angles of MAVLink's ATTITUDE, rad."""
-    w, x, y, z = attitude_wxyz
-    return (
-        atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-        asin(_clamp(2.0 * (w * y - x * z), -1.0, 1.0)),
-        atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-    )
 
 
 def thrust_of(parameters: Parameters, state: State) -> float:
@@ -270,8 +265,8 @@ def _by_velocity(p: Parameters, state: State, command: Command, wind: Wind, dt: 
     w = wanted + (w - wanted) * exp(-dt / p.yaw_lag2_s)
     y_after = y + w * dt
     heading = roll_pitch_heading(state.attitude_wxyz)[2] + 0.5 * (y + y_after) * dt
-    attitude = _tilted(north.given_m_s2, east.given_m_s2, down.given_m_s2, heading)
-    rates = _turned(state.attitude_wxyz, attitude, dt)
+    attitude = tilted(north.given_m_s2, east.given_m_s2, down.given_m_s2, heading)
+    rates = turned(state.attitude_wxyz, attitude, dt)
     return _moved(p, state, wind, dt, north, east, down, attitude, rates, y_after, w)
 
 
@@ -285,7 +280,7 @@ def _by_rates(p: Parameters, state: State, command: Command, wind: Wind, dt: flo
     )
     h = 0.25 * dt
     turn = (h * (now[0] + rates[0]), h * (now[1] + rates[1]), h * (now[2] + rates[2]))
-    attitude = _multiplied(state.attitude_wxyz, (1.0, turn[0], turn[1], turn[2]))
+    attitude = multiplied(state.attitude_wxyz, (1.0, turn[0], turn[1], turn[2]))
 
     wanted = _clamp(command.turn, 0.0, 1.0) / p.hover_thrust * GRAVITY_M_S2
     thrust = thrust_of(p, state) / p.hover_thrust * GRAVITY_M_S2
@@ -383,42 +378,6 @@ def _answered(
     return Loop(
         led_m_s, led_m_s2, gap_m, loop.integral_m_s2 + learned_m_s2, loop.given_m_s2 + rate * dt, rate
     )
-
-
-def _tilted(a_n: float, a_e: float, a_d: float, heading_rad: float) -> Wxyz:
-    """The attitude whose -z pushes with this acceleration and the weight, with this heading."""
-    up = GRAVITY_M_S2 - a_d
-    c, s = cos(heading_rad), sin(heading_rad)
-    along, across = c * a_n + s * a_e, c * a_e - s * a_n
-    pitch = atan2(-along, up)
-    roll = atan2(across, sqrt(along * along + up * up))
-    cr, sr = cos(0.5 * roll), sin(0.5 * roll)
-    cp, sp = cos(0.5 * pitch), sin(0.5 * pitch)
-    cy, sy = cos(0.5 * heading_rad), sin(0.5 * heading_rad)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-
-
-def _turned(before: Wxyz, after: Wxyz, dt: float) -> Triple:
-    """The body rates from one attitude to the next, rad/s."""
-    w, x, y, z = _multiplied((before[0], -before[1], -before[2], -before[3]), after)
-    # q and -q are one attitude
-    rate = 2.0 / dt if w >= 0.0 else -2.0 / dt
-    return (rate * x, rate * y, rate * z)
-
-
-def _multiplied(a: Wxyz, b: Wxyz) -> Wxyz:
-    """The Hamilton product, as a unit quaternion."""
-    w = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    x = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    y = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    z = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
-    n = 1.0 / sqrt(w * w + x * x + y * y + z * z)
-    return (n * w, n * x, n * y, n * z)
 
 
 def _part(x: float, y: float, most: float) -> float:

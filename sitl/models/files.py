@@ -9,16 +9,21 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sitl.models import airplane, copter, rover, uuv
+from sitl.models import airplane, copter, jsbsim_airplane, rover, uuv
 
 #: Models that come with the package: those that drive, airplanes, copters, and those that dive.
 ROVERS: Final = ("rover", "boat", "rover_px4")
 AIRPLANES: Final = ("airplane_12", "airplane_20")
 COPTERS: Final = ("copter_px4", "copter_ardupilot")
 UUVS: Final = ("uuv",)
-NAMES: Final = (*ROVERS, *AIRPLANES, *COPTERS, *UUVS)
+#: Aircraft of JSBSim that have an autopilot's inner loops here; a model's name has `JSBSIM_PREFIX` before it.
+JSBSIM: Final = ("J3Cub", "c172p", "t6texan2")
+JSBSIM_PREFIX: Final = "jsbsim:"
+NAMES: Final = (*ROVERS, *AIRPLANES, *COPTERS, *UUVS, *(f"{JSBSIM_PREFIX}{aircraft}" for aircraft in JSBSIM))
 
-Model = rover.Parameters | airplane.Parameters | copter.Parameters | uuv.Parameters
+Model = (
+    rover.Parameters | airplane.Parameters | copter.Parameters | uuv.Parameters | jsbsim_airplane.Parameters
+)
 
 P = TypeVar("P", bound=tuple[float, ...])
 
@@ -47,6 +52,18 @@ def load_uuv(name: str) -> uuv.Parameters:
     return _load(uuv.Parameters, name, uuv.POSITIVE, uuv.SIGNED)
 
 
+def load_jsbsim(aircraft: str) -> jsbsim_airplane.Parameters:
+    """Likewise the inner loops of one of JSBSim's aircraft, by its name there; JSBSim itself is not asked."""
+    if aircraft not in JSBSIM:
+        raise ValueError(f"JSBSim's {aircraft!r} has no inner loops here; those that do: {', '.join(JSBSIM)}")
+    return _load(
+        jsbsim_airplane.Parameters,
+        f"jsbsim_{aircraft}",
+        jsbsim_airplane.POSITIVE,
+        jsbsim_airplane.SIGNED,
+    )
+
+
 #: How each kind is read, and by which keys its files are known.
 _KINDS: Final[tuple[tuple[Callable[[str], Model], tuple[str, ...]], ...]] = (
     (load_rover, rover.Parameters._fields),
@@ -62,6 +79,8 @@ def load_model(name: str) -> Model:
     Raises:
         ValueError: as `load_rover`.
     """
+    if name.startswith(JSBSIM_PREFIX):
+        return load_jsbsim(name.removeprefix(JSBSIM_PREFIX))
     keys = _table(name).keys()
     shared, load = max(((len(keys & set(fields)), load) for load, fields in _KINDS), key=lambda kind: kind[0])
     if not shared:

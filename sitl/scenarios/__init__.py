@@ -1,1 +1,1 @@
-"""Set tasks with their limits, flown in virtual time without a link: what each class of vehicles reaches."""
+"""What each class of vehicles must reach: tasks flown by the whole service against the built-in vehicle."""

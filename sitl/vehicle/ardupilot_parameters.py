@@ -38,6 +38,8 @@ ROVER: Final = {
     "FS_GCS_ENABLE": Parameter(0, INT8),
     "GUID_OPTIONS": Parameter(0, INT32),
     "SCHED_LOOP_RATE": Parameter(50, INT16),
+    "LOIT_RADIUS": Parameter(2.0),
+    "TURN_RADIUS": Parameter(0.9),
     "WP_RADIUS": Parameter(2.0),
     "WP_SPEED": Parameter(5.0),
 }

@@ -76,6 +76,13 @@ class Estimator:
         self._errors = self._drawn() if noise != SILENT else None
         self._wind_ned_m_s: Triple | None = None
 
+    @property
+    def position_bias_ned_m(self) -> Triple:
+        """How far its position is off for longer than one estimate."""
+        bound = self._noise.position_bias_m
+        x, y, z = (max(-bound, min(bound, bias)) for bias in self._bias_m)
+        return x, y, z
+
     def estimate(self, body: BodyState, at_ns: int) -> BodyState:
         """What it makes of the body at `at_ns`; instants do not run backwards."""
         tick = (at_ns - self._start_ns) // PERIOD_NS
@@ -110,9 +117,8 @@ class Estimator:
 
     def _drawn(self) -> _Errors:
         noise, gauss = self._noise, self._dice.gauss
-        bound = noise.position_bias_m
         self._bias_m = [self._keep * bias + gauss(0.0, self._kick_m) for bias in self._bias_m]
-        x, y, z = (max(-bound, min(bound, bias)) + gauss(0.0, noise.position_m) for bias in self._bias_m)
+        x, y, z = (bias + gauss(0.0, noise.position_m) for bias in self.position_bias_ned_m)
         a, b, c = (gauss(0.0, noise.attitude_rad) for _ in range(3))
         u, v, w = (gauss(0.0, noise.velocity_m_s) for _ in range(3))
         heading = self._side * noise.heading_bias_rad

@@ -210,6 +210,11 @@ class Vehicle:
         )
 
     @property
+    def position_bias_ned_m(self) -> Triple:
+        """How far its estimator's position is off for longer than one estimate, m."""
+        return self._estimator.position_bias_ned_m
+
+    @property
     def armed(self) -> bool:
         """Whether the actuators are on."""
         return self._pilot.armed

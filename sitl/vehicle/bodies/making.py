@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from sitl.models import airplane, copter, rover, uuv
-from sitl.models.files import Model, load_model
+from sitl.models import airplane, copter, jsbsim_airplane, rover, uuv
+from sitl.models.files import JSBSIM_PREFIX, Model, load_model
+from sitl.models.gusts import Wind
 from sitl.plant import PlantParameters, PlantState, Triple
 from sitl.vehicle.bodies.airplane import AirplaneBody
 from sitl.vehicle.bodies.copter import CopterBody
 from sitl.vehicle.bodies.ideal import IdealBody
+from sitl.vehicle.bodies.jsbsim import JsbsimBody
 from sitl.vehicle.bodies.rover import RoverBody
 from sitl.vehicle.bodies.uuv import UuvBody
 from sitl.vehicle.body import Body
@@ -20,12 +22,15 @@ AIRPLANE: Final = "airplane"
 COPTER: Final = "copter"
 #: The speed of an airplane that begins in the air, times its stall speed, if its options do not say.
 AIRPLANE_STALLS: Final = 1.5
+#: Where an aircraft of JSBSim begins whose options do not say: it has no ground to roll on.
+JSBSIM_HEIGHT_M: Final = 100.0
 
 _TAKES: Final[dict[type, tuple[type, ...]]] = {
     rover.Parameters: RoverBody.takes,
     airplane.Parameters: AirplaneBody.takes,
     copter.Parameters: CopterBody.takes,
     uuv.Parameters: UuvBody.takes,
+    jsbsim_airplane.Parameters: JsbsimBody.takes,
 }
 _CALM: Final[Triple] = (0.0, 0.0, 0.0)
 
@@ -54,6 +59,8 @@ def body_of(options: VehicleOptions, *, planar: bool, start_ns: int) -> Body:
     parameters = _loaded(options.model, options.firmware)
     if isinstance(parameters, airplane.Parameters):
         return _airplane(options, parameters, start_ns)
+    if isinstance(parameters, jsbsim_airplane.Parameters):
+        return _jsbsim(options, parameters, start_ns)
     if isinstance(parameters, uuv.Parameters):
         _refuse(options, wind=True, gusts=True, speed=True)
         return UuvBody(parameters, options.start_position_ned_m(), options.start_attitude_wxyz(), start_ns)
@@ -113,3 +120,26 @@ def _copter(options: VehicleOptions, parameters: copter.Parameters, start_ns: in
             f"the model {options.model} starts on the ground or above, not {position[2]:g} m below"
         )
     return CopterBody(parameters, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)
+
+
+def _jsbsim(options: VehicleOptions, parameters: jsbsim_airplane.Parameters, start_ns: int) -> JsbsimBody:
+    speed = options.initial_speed_m_s
+    try:
+        flying = jsbsim_airplane.JsbsimAirplane(
+            options.model.removeprefix(JSBSIM_PREFIX),
+            parameters,
+            _in_the_air(options),
+            options.initial_yaw_rad,
+            parameters.trim_speed_m_s if speed is None else speed,
+            wind=Wind(*options.wind_ned_m_s),
+            place=jsbsim_airplane.Place(*options.origin),
+        )
+    except ModuleNotFoundError as error:
+        raise ValueError(str(error)) from error
+    return JsbsimBody(flying, options.wind_ned_m_s, options.gusts_m_s, options.seed, start_ns)
+
+
+def _in_the_air(options: VehicleOptions) -> Triple:
+    """The chosen position, or one high enough to fly."""
+    north_m, east_m, down_m = options.start_position_ned_m()
+    return (north_m, east_m, -JSBSIM_HEIGHT_M if options.initial_position_ned_m is None else down_m)

@@ -23,6 +23,7 @@ from guidance.component import shown
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimator
+from guidance.fitting import Fitting
 from guidance.ground import Ground
 from guidance.guarding import Guards
 from guidance.intake import streams_at, take_state
@@ -92,6 +93,7 @@ class Guide:
         self.dropped_packets = 0  # nor on this
         self._line = LineWatch(self.connection, config.link.rate_hz, wanted)
         self._estimator = Estimator(self.profile.project)
+        self.fitting = Fitting(config, self.profile, self.link, self.tracker)
         self.guards = Guards(config, self.profile, self.link, self.tracker)
         self.steering = Steering(
             config, self.profile, self.connection, self.link, self.tracker, self._estimator, self.guards
@@ -128,6 +130,10 @@ class Guide:
         text = msgspec.json.encode(clock).decode()
         self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.SIGNING_CLOCK, text=text))
 
+    def recall(self, learned: str, now_ns: int) -> None:
+        """What an earlier process `learned` of the vehicle; before a flight."""
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.LEARNED, text=learned))
+
     def handle(self, event: Input) -> None:
         """The one way in; the others build its events."""
         self._told.catch_up()
@@ -152,6 +158,14 @@ class Guide:
             case InputKind.SIGNING_CLOCK:
                 if self.link.signing is not None:
                     self.link.signing.set(msgspec.json.decode(event.text, type=SigningClock), now_ns)
+            case InputKind.LEARNED:
+                why = self.tracker.handler.recall(event.text)
+                level, text = (
+                    (Level.INFO, f"starts with what was learned before: {event.text}")
+                    if why is None
+                    else (Level.WARNING, f"what was learned before is not used: {why}")
+                )
+                self._told.event(level, "learned", text, now_ns)
             case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
                 level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
                 self._told.event(level, event.kind, event.text, now_ns)
@@ -184,6 +198,11 @@ class Guide:
         return self.steering.setpoints_sent
 
     @property
+    def learned(self) -> str | None:
+        """What flights have taught of the vehicle, for the next process; None during one."""
+        return self.tracker.handler.learned if self.tracker.start_ns is None else None
+
+    @property
     def finished(self) -> bool:
         """Whether a shutdown is complete."""
         return self.engagement.state is State.FINISHED
@@ -196,6 +215,7 @@ class Guide:
             self._reboots = self.link.reboots
             self._estimator.reset()
             self.guards.rebooted()
+            self.fitting.rebooted()
             self._told.event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
             self._watch_ns = now_ns
         if isinstance(body, StateBody):
@@ -205,6 +225,7 @@ class Guide:
         if stream is not None:
             stream.arrived(now_ns, valid=True)
         self.guards.heard(body)
+        self.fitting.heard(received)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)
@@ -250,12 +271,14 @@ class Guide:
             self._told.event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self.steering.basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
-        blocked = first_unmet(self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging)
+        self._told.add(*self.fitting.look(now_ns, flying=self.engagement.state in _IN_FLIGHT))
+        unfit = self.fitting.unmet
+        blocked = first_unmet(
+            self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging, unfit
+        )
         self.guards.look(estimate, self.engagement.state, now_ns)
-        mode_age_s = None
-        if (modes := self.link.streams.get("CURRENT_MODE")) is not None:
-            mode_age_s = modes.status(now_ns).age_s
-        mode_ns = None if mode_age_s is None else now_ns - round(mode_age_s * 1e9)
+        modes = self.link.streams.get("CURRENT_MODE")
+        mode_ns = None if modes is None else modes.last_ns
         self.engagement.contact.look(
             self.link.received, self.link.heartbeat_ns, mode_ns, now_ns, self.link.custom_mode
         )
@@ -337,6 +360,7 @@ class Guide:
         """An order was carried out or refused; what was set holds from here on."""
         self.config = self.orders.config
         self.guards.reconfigure(self.config)
+        self.fitting.reconfigure(self.config)
         self._watch_ns = answer.t_ns
         self._told.tell(event)
         self._told.add(answer)

@@ -21,6 +21,7 @@ def streams_at(rate_hz: float, config: Config, profile: Profile, connection: Con
         config.link.position_timeout_s,
         profile.mode_hz,
         odometry=profile.odometry and affordable,
+        air=profile.air,
     )
 
 

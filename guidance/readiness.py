@@ -8,7 +8,7 @@ from guidance.config import Config, Link
 from guidance.connection import Connection
 from guidance.estimate import ATTITUDES, POSITIONS, Estimate
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.profiles import Profile
+from guidance.mavlink.profiles import Profile, fitting
 from guidance.records import StreamStatus
 from guidance.tracker import Tracker
 from guidance.view import STALLED_S
@@ -48,18 +48,22 @@ def first_unmet(
     estimate: Estimate | str,
     now_ns: int,
     engaging: bool,
+    parameters: str | None = None,
 ) -> str | None:
     """The first condition that is not met, in words that say what to do; None if the service may fly.
 
-    Once `engaging`, a stream below its rate or a refused sample blocks nothing as long as the state is young.
+    `parameters` is what those of the autopilot forbid. Once `engaging`, neither they nor a stream below its
+    rate nor a refused sample block anything as long as the state is young.
     """
     beat = link.heartbeat
     if beat is None:
         return "no heartbeat of the autopilot yet"
-    if beat.autopilot != profile.autopilot or beat.type not in profile.vehicle_types:
+    if not profile.fits(beat):
+        needed = " or ".join(fitting(beat))
         return (
             f"{_enum_name('MAV_AUTOPILOT', beat.autopilot)} {_enum_name('MAV_TYPE', beat.type)} "
-            f"is not what vehicle.profile {profile.name} is for"
+            f"is not what vehicle.profile {profile.name} is for: "
+            + (f"this vehicle needs {needed}" if needed else "there is no profile for this vehicle")
         )
     if not link.clock.synced(now_ns):
         return "the autopilot's clock is not known: waiting for its TIMESYNC answers"
@@ -69,6 +73,8 @@ def first_unmet(
             verdict = _none_usable(wanted)
             if verdict is not None:
                 return verdict
+        if parameters is not None:
+            return parameters
     if isinstance(estimate, str):
         return estimate
     position = estimate.pose.position

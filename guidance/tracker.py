@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
+from guidance.abilities import GroundAbilities
 from guidance.blending import (
     NO_OFFSET,
     NO_TURN,
@@ -18,6 +20,7 @@ from guidance.blending import (
 )
 from guidance.config import Config
 from guidance.estimate import Estimate
+from guidance.feasibility import abilities_of, unflyable, within_autopilot
 from guidance.flying import Flown
 from guidance.flying.choice import handler_of
 from guidance.law import Evaluation, planar
@@ -139,6 +142,25 @@ class Tracker:
         self._trajectory = config.trajectory
         self.handler.configure(config, self.origin_ned_m or ZERO, self.allocation)
 
+    def fit(self, values: Mapping[str, float]) -> str | None:
+        """What the autopilot's parameters say of the vehicle holds from here on; or why it must not be flown
+        with them. They are by their newest names, in their units, and each by itself plausible."""
+        self.full_thrust(values)
+        config, name = self._config, self._profile.full_thrust_parameter
+        if name in values:
+            known = values if config.ground.enabled else {name: values[name]}
+            own = abilities_of(config.limits, config.law, math.inf, self._profile.planar, config.ground)
+            if isinstance(own, GroundAbilities):
+                for problem in unflyable(config.trajectory, within_autopilot(own, known)):
+                    return f"{problem.key}{problem.text}"
+        return self.handler.fit(values)
+
+    def full_thrust(self, values: Mapping[str, float]) -> None:
+        """Thrust 1 asks for the autopilot's own speed where it has one, whatever the configuration says."""
+        self._speed_at_full_thrust_m_s = values.get(
+            self._profile.full_thrust_parameter, self._config.vehicle.speed_at_full_thrust_m_s
+        )
+
     def allocate(self, name: str) -> str | None:
         """Turn with these actuators from now on, in whatever flight; or why that is refused."""
         if name != "pitch-yaw" and self._profile.planar:
@@ -226,8 +248,11 @@ class Tracker:
         self._seen = estimate
         if self._turn is not NO_TURN:
             self._turn = turn_step(self._turn, dt_s)
-            turned = multiply(quaternion_exp(self._turn.angle_rad), estimate.pose.attitude)
-            estimate = estimate._replace(pose=Pose(estimate.pose.position, turned))
+            turn = quaternion_exp(self._turn.angle_rad)
+            pose, seen = (
+                Pose(pose.position, multiply(turn, pose.attitude)) for pose in (estimate.pose, estimate.seen)
+            )
+            estimate = estimate._replace(pose=pose, seen=seen)
         if self._profile.planar:
             _, reference = planar(estimate.pose, reference)
         if self._offset is not NO_OFFSET:

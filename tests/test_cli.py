@@ -118,7 +118,7 @@ def test_replay_names_the_first_difference(log: Path, monkeypatch: pytest.Monkey
         memory, found = exact(*arguments)
         return memory, found._replace(V2=math.nextafter(found.V2, math.inf))
 
-    monkeypatch.setattr("guidance.tracker.guide_step", edited)
+    monkeypatch.setattr("guidance.flying.rates.guide_step", edited)
     status, out, _ = call("replay", str(log))
     assert status == 1
     assert "first difference at " in out

@@ -170,7 +170,7 @@ def test_lines_are_found_behind_dotted_quoted_and_inline_keys() -> None:
 
 def test_bad_toml_is_refused_with_its_line() -> None:
     assert refusal(text=f"{TEXT}\nk = = 3\n").startswith("flight.toml: not valid TOML: ")
-    assert "(at line 37, column 5)" in refusal(text=f"{TEXT}\nk = = 3\n")
+    assert "(at line 41, column 5)" in refusal(text=f"{TEXT}\nk = = 3\n")
     assert "not valid TOML" in refusal(text="a = " + "[" * 100_000)
     assert "not valid TOML" in refusal(text="a = " + "1" * 5000)
 
@@ -201,7 +201,7 @@ def test_a_trajectory_takes_only_its_own_keys() -> None:
     text, number = with_line("name", 'name = "demo"')
     text = text.replace('name = "helix"', "radius_m = 1.0")
     assert number == 3
-    assert refusal(text=text).startswith("flight.toml:34: trajectory.name is missing: must be")
+    assert refusal(text=text).startswith("flight.toml:38: trajectory.name is missing: must be")
 
 
 @pytest.mark.parametrize("name", TRAJECTORIES)

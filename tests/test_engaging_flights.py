@@ -189,12 +189,16 @@ def test_the_rover_armed_in_guided_is_left_alone() -> None:
 def test_a_vehicle_that_the_profile_is_not_for_is_refused_with_the_reason() -> None:
     rover = make_flight(*PX4, *AUTO, firmware=Firmware.ARDUPILOT_ROVER)
     assert silent_for(rover, 10.0)
-    said = "MAV_AUTOPILOT_ARDUPILOTMEGA MAV_TYPE_GROUND_ROVER is not what vehicle.profile px4-uuv is for"
+    said = (
+        "MAV_AUTOPILOT_ARDUPILOTMEGA MAV_TYPE_GROUND_ROVER is not what vehicle.profile px4-uuv is for: "
+        "this vehicle needs ardupilot-rover"
+    )
     assert (state_of(rover), reason(rover)) == (State.CONNECTED, said)
     submarine = make_flight(*ROVER, *AUTO, firmware=Firmware.PX4_UUV)
     assert silent_for(submarine, 10.0)
     assert reason(submarine) == (
-        "MAV_AUTOPILOT_PX4 MAV_TYPE_SUBMARINE is not what vehicle.profile ardupilot-rover is for"
+        "MAV_AUTOPILOT_PX4 MAV_TYPE_SUBMARINE is not what vehicle.profile ardupilot-rover is for: "
+        "this vehicle needs px4-uuv"
     )
 
 

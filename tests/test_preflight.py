@@ -156,9 +156,9 @@ def test_orders_on_an_unsigned_line_are_worth_a_word() -> None:
 
 
 def test_another_vehicle_type_is_not_what_the_profile_is_for() -> None:
-    found = only(Bench(vehicle={"parameters": {"MAV_TYPE": 2}}), "profile", Verdict.FAIL)
-    assert found.found == "px4-uuv is not for MAV_AUTOPILOT_PX4 MAV_TYPE_QUADROTOR"
-    assert "known: ardupilot-rover, px4-uuv" in found.todo
+    found = only(Bench(vehicle={"parameters": {"MAV_TYPE": 7}}), "profile", Verdict.FAIL)
+    assert found.found == "px4-uuv is not for MAV_AUTOPILOT_PX4 MAV_TYPE_AIRSHIP"
+    assert "known: ardupilot-copter, ardupilot-plane, ardupilot-rover, px4-copter" in found.todo
 
 
 def test_the_profile_of_another_firmware_is_named() -> None:

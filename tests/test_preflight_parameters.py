@@ -133,9 +133,24 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
         (
             RATED,
             {"WP_SPEED": 2.0},
-            Verdict.FAIL,
+            Verdict.WARN,
             "2 m/s, needs 5 for vehicle.speed_at_full_thrust_m_s = 5",
             "set WP_SPEED to 5, or vehicle.speed_at_full_thrust_m_s = 2: thrust 1 gives WP_SPEED",
+        ),
+        (RATED, {"WP_SPEED": 4.97}, Verdict.OK, "4.97 m/s", ""),
+        (
+            RATED,
+            {"WP_SPEED": 0.0},
+            Verdict.FAIL,
+            "0 m/s, which cannot be: 0.1 to 50 may",
+            "set WP_SPEED to what the vehicle can do: thrust 1 gives WP_SPEED",
+        ),
+        (
+            RATED,
+            {"WP_SPEED": 400.0},
+            Verdict.FAIL,
+            "400 m/s, which cannot be: 0.1 to 50 may",
+            "set WP_SPEED to what the vehicle can do: ",
         ),
         (
             RATED,
@@ -181,7 +196,8 @@ def test_a_parameter_that_the_autopilot_lacks_says_so_and_an_older_name_stands_i
 
     bench = Bench(*RATED, deaf_to=deaf)
     findings = bench.findings()
-    assert findings["WP_SPEED"] == ("WP_SPEED", Verdict.SKIP, "the autopilot has no such parameter", "")
+    assert findings["WP_SPEED"][:3] == ("WP_SPEED", Verdict.FAIL, "the autopilot has no such parameter")
+    assert findings["WP_SPEED"].todo.startswith("is this the firmware that the profile is for? Thrust 1")
     assert findings["MAV_OPTIONS"].found == "the autopilot has no such parameter, and no SYSID_ENFORCE"
     bench.observation.parameters.values["SYSID_ENFORCE"] = 1.0
     assert bench.findings()["SYSID_ENFORCE"].verdict is Verdict.WARN

@@ -26,6 +26,7 @@ def estimate(attitude_age_s: float = 0.01, position_age_s: float = 0.01, positio
         position=PositionSample(0, 0, position, ZERO, "LOCAL_POSITION_NED"),
         attitude_age_s=attitude_age_s,
         position_age_s=position_age_s,
+        seen=Pose(position, IDENTITY),
     )
 
 
@@ -71,18 +72,25 @@ def test_all_is_well_at_the_start(ready: tuple[Guide, int]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "autopilot", "said"),
+    ("kind", "autopilot", "said", "needed"),
     [
-        (mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_PX4, "MAV_AUTOPILOT_PX4 MAV_TYPE_GROUND_ROVER"),
-        (mavlink.MAV_TYPE_SUBMARINE, 3, "MAV_AUTOPILOT_ARDUPILOTMEGA MAV_TYPE_SUBMARINE"),
-        (250, 251, "MAV_AUTOPILOT 251 MAV_TYPE 250"),
+        (mavlink.MAV_TYPE_GROUND_ROVER, 12, "PX4 MAV_TYPE_GROUND_ROVER", "this vehicle needs px4-rover"),
+        (mavlink.MAV_TYPE_FIXED_WING, 12, "PX4 MAV_TYPE_FIXED_WING", "this vehicle needs px4-plane"),
+        (
+            mavlink.MAV_TYPE_SUBMARINE,
+            3,
+            "ARDUPILOTMEGA MAV_TYPE_SUBMARINE",
+            "there is no profile for this vehicle",
+        ),
+        (250, 251, " 251 MAV_TYPE 250", "there is no profile for this vehicle"),
     ],
 )
 def test_another_vehicle_type_or_firmware_is_not_flown(
-    ready: tuple[Guide, int], kind: int, autopilot: int, said: str
+    ready: tuple[Guide, int], kind: int, autopilot: int, said: str, needed: str
 ) -> None:
     ready[0].link.heartbeat = Heartbeat(kind, autopilot, 0, 0, 0)
-    wanted = f"{said} is not what vehicle.profile px4-uuv is for"
+    firmware = f"MAV_AUTOPILOT{'' if said.startswith(' ') else '_'}{said}"
+    wanted = f"{firmware} is not what vehicle.profile px4-uuv is for: {needed}"
     assert unmet(*ready, estimate()) == wanted
     assert unmet(*ready, estimate(), engaging=True) == wanted
 

@@ -29,6 +29,7 @@ class LineWatch:
         self._traffic = Traffic()
         self._were_at_rate: set[str] = set()
         self._below: set[str] = set()
+        self._lowered: dict[str, float] = {}  # what was denied, and the rate that is asked for instead
         self._twins = False
 
     def opened(self, now_ns: int) -> list[Event]:
@@ -52,6 +53,7 @@ class LineWatch:
     def news(self, record: Link, link: AutopilotLink) -> list[Event]:
         """What has come to be wrong since the last record."""
         news = [_warning(record.t_ns, "rate_fell", text) for text in self._fallen(record, link)]
+        news += [_warning(record.t_ns, "rate_denied", text) for text in self._denied(record.t_ns, link)]
         before, self._twins = self._twins, link.twins.seen(record.t_ns)
         if self._twins and not before:
             text = (
@@ -68,6 +70,16 @@ class LineWatch:
 
     def _needed_at(self, rate_hz: float) -> float:
         return needed_bytes_per_s(self._streams_at(rate_hz), rate_hz)
+
+    def _denied(self, now_ns: int, link: AutopilotLink) -> list[str]:
+        """The needed streams that are asked for at less than is wanted."""
+        lowered = {s.message: s.asked_hz for s in link.streams.all() if s.asked_hz < s.wanted_hz}
+        before, self._lowered = self._lowered, lowered
+        return [
+            f"{message}: {link.streams[message].wanted_hz:g} Hz is not granted, {hz:.3g} Hz is asked for"
+            for message, hz in lowered.items()
+            if before.get(message) != hz and link.streams.needed(link.streams[message], now_ns)
+        ]
 
     def _fallen(self, record: Link, link: AutopilotLink) -> list[str]:
         """The needed streams that came at their rate, and by two records running come below it."""

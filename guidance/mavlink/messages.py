@@ -14,6 +14,8 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.mavlink.air import VfrHud, Wind, WindCov
+
 #: 1e-7 deg.
 LATITUDE_MAX: Final = 900_000_000
 LONGITUDE_MAX: Final = 1_800_000_000
@@ -261,6 +263,9 @@ Body = (
     | ParamValue
     | NamedValueFloat
     | CurrentMode
+    | VfrHud
+    | Wind
+    | WindCov
 )
 
 _READ: Final[dict[str, type[Body]]] = {
@@ -283,6 +288,9 @@ _READ: Final[dict[str, type[Body]]] = {
     "PARAM_VALUE": ParamValue,
     "NAMED_VALUE_FLOAT": NamedValueFloat,
     "CURRENT_MODE": CurrentMode,
+    "VFR_HUD": VfrHud,
+    "WIND": Wind,
+    "WIND_COV": WindCov,
 }
 
 #: Name and id of each message that is read.

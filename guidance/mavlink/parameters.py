@@ -7,15 +7,17 @@ asked for again, a few at a time to spare the line, and what was asked for often
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from math import isnan
+from types import MappingProxyType
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.mavlink.messages import ParamValue
 
-#: Asked for so many times without an answer there is no such parameter (with 30 % of loss each way: 1 in 50).
-TIMES_ASKED: Final = 6
+#: Asked for so often without an answer there is no such parameter (at 30 % of loss each way: 1 in 200).
+TIMES_ASKED: Final = 8
 _AT_ONCE: Final = 4
 _ANSWER_NS: Final = 300_000_000
 
@@ -47,20 +49,34 @@ def request_read(name: str, system: int, component: int) -> Any:
 
 
 class ParameterReader:
-    """Reads some parameters of one autopilot; `values` are those that were answered."""
+    """Reads some parameters of one autopilot; `values` are those that were answered.
 
-    def __init__(self, names: Iterable[str], *, bytewise: bool) -> None:
+    Of two `partners`, names of one parameter, one answer will do.
+    """
+
+    def __init__(
+        self, names: Iterable[str], *, bytewise: bool, partners: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
         self.values: dict[str, float] = {}
         self._bytewise = bytewise
+        self._partners = partners
         self._asked = dict.fromkeys(names, 0)
         self._asked_ns: dict[str, int] = {}  # of those whose answer is awaited
 
-    def take(self, message: ParamValue) -> None:
-        """An answer, to us or to somebody else."""
+    def take(self, message: ParamValue) -> bool:
+        """An answer, to us or to somebody else; whether it says anything new."""
         name = name_of(message)
-        if name in self._asked:
-            self.values[name] = value_of(message, bytewise=self._bytewise)
-            self._asked_ns.pop(name, None)
+        if name not in self._asked:
+            return False
+        value = value_of(message, bytewise=self._bytewise)
+        before = self.values.get(name)
+        self.values[name] = value
+        self._asked_ns.pop(name, None)
+        return value != before and not (before is not None and isnan(value) and isnan(before))
+
+    def again(self, names: Iterable[str]) -> None:
+        """Ask for these as if they had never been asked for."""
+        self._asked.update(dict.fromkeys(names, 0))
 
     def due(self, now_ns: int) -> list[str]:
         """The names to ask for now."""
@@ -75,12 +91,14 @@ class ParameterReader:
         return now
 
     def _wanted(self, name: str) -> bool:
-        return name not in self.values and self._asked[name] < TIMES_ASKED
+        known = name in self.values or self._partners.get(name) in self.values
+        return not known and self._asked[name] < TIMES_ASKED
 
     @property
     def complete(self) -> bool:
         """Whether each has a value or counts as absent."""
-        return not self._asked_ns and not any(map(self._wanted, self._asked))
+        awaited = (name for name in self._asked_ns if self._partners.get(name) not in self.values)
+        return not any(awaited) and not any(map(self._wanted, self._asked))
 
     def deadline(self, now_ns: int) -> int | None:
         """When `due` has something new to say, ns; None if never."""

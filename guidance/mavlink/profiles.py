@@ -16,8 +16,11 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
+from guidance.mavlink.ardupilot_requirements import COPTER_GUIDED, PLANE_GUIDED, ROVER_GUIDED
+from guidance.mavlink.messages import Heartbeat
 from guidance.mavlink.modes import COPTER_MODES, PLANE_MODES, PX4_MODES, ROVER_MODES, Mode
-from guidance.mavlink.requirements import PX4_OFFBOARD, ROVER_GUIDED, Requirement
+from guidance.mavlink.px4_requirements import PX4_COPTER, PX4_OFFBOARD, PX4_PLANE, PX4_ROVER
+from guidance.mavlink.requirements import Requirement
 
 _IGNORE_ROLL_RATE: Final = 1
 _IGNORE_PITCH_RATE: Final = 2
@@ -43,6 +46,7 @@ class Asked(StrEnum):
     RATES_SPEED = "body rates and thrust for a speed"
     YAW_RATE_SPEED = "yaw rate and thrust for a speed"
     ATTITUDE_THROTTLE = "roll, pitch and throttle"
+    RATES_THROTTLE = "body rates and throttle"
     VELOCITY_YAW_RATE = "velocity and yaw rate"
 
 
@@ -56,6 +60,10 @@ class Profile(NamedTuple):
     that "hold" stands for. `odometry` says that ODOMETRY can be asked for. `project` is how it makes a local
     position of latitude and longitude. `requirements` are what its parameters must be; integers among these
     come `parameters_bytewise`, or by value. `estimator` names what tells its health.
+
+    `full_thrust_parameter` is the speed that full thrust asks for, if the firmware has one. `air` are the
+    messages that tell of airspeed and wind, with their rates in Hz. `takes_rates` says that body rates and
+    throttle will do instead of what is `asked` (`by_rates`).
     """
 
     name: str
@@ -80,6 +88,13 @@ class Profile(NamedTuple):
     requirements: tuple[Requirement, ...]
     parameters_bytewise: bool
     estimator: str
+    full_thrust_parameter: str = ""
+    air: tuple[tuple[str, float], ...] = ()
+    takes_rates: bool = False
+
+    def by_rates(self) -> Profile:
+        """The same row, asked by body rates and throttle."""
+        return self._replace(asked=Asked.RATES_THROTTLE, type_mask=_IGNORE_ATTITUDE)
 
     def mode(self, name: str) -> Mode | None:
         """The mode of that name, None if this firmware has none; "hold" is the one that holds."""
@@ -90,6 +105,10 @@ class Profile(NamedTuple):
         """The name of a HEARTBEAT's `custom_mode`, or its number if it has none here."""
         found = next((mode.name for mode in self.modes if mode.custom_mode == custom_mode), None)
         return found if found is not None else f"mode {custom_mode}"
+
+    def fits(self, beat: Heartbeat) -> bool:
+        """Whether it is for the firmware and the vehicle that a HEARTBEAT tells of."""
+        return beat.autopilot == self.autopilot and beat.type in self.vehicle_types
 
     @property
     def exits(self) -> tuple[str, ...]:
@@ -116,9 +135,12 @@ def _px4(
     handling: Handling,
     asked: Asked,
     type_mask: int,
+    requirements: tuple[Requirement, ...],
     thrust: tuple[float, float] = (-1.0, 1.0),
     *,
     planar: bool = False,
+    air: tuple[tuple[str, float], ...] = (),
+    takes_rates: bool = False,
 ) -> Profile:
     """A row of PX4: the firmware's manners are those of every vehicle."""
     return Profile(
@@ -141,9 +163,11 @@ def _px4(
         mode_hz=10.0,  # HEARTBEAT shows a mode change up to 1 s late, and only CURRENT_MODE the intended
         odometry=True,
         project=azimuthal_equidistant,
-        requirements=PX4_OFFBOARD,
+        requirements=requirements,
         parameters_bytewise=True,
         estimator="ESTIMATOR_STATUS",
+        air=air,
+        takes_rates=takes_rates,
     )
 
 
@@ -160,6 +184,8 @@ def _ardupilot(
     thrust: tuple[float, float] = (-1.0, 1.0),
     *,
     planar: bool = False,
+    full_thrust_parameter: str = "",
+    air: tuple[tuple[str, float], ...] = (),
 ) -> Profile:
     """A row of ArduPilot: modes and what a setpoint means differ by vehicle."""
     return Profile(
@@ -185,6 +211,8 @@ def _ardupilot(
         requirements=requirements,
         parameters_bytewise=False,
         estimator="EKF_STATUS_REPORT",
+        full_thrust_parameter=full_thrust_parameter,
+        air=air,
     )
 
 
@@ -197,6 +225,7 @@ PROFILES: Final[dict[str, Profile]] = {
             Handling.RATES,
             Asked.RATES_SPEED,  # along +x for a submarine
             _IGNORE_ATTITUDE,  # PX4 takes the rates when roll and pitch rate are both unmasked
+            PX4_OFFBOARD,
         ),
         _px4(
             "px4-plane",
@@ -204,15 +233,26 @@ PROFILES: Final[dict[str, Profile]] = {
             Handling.AIRPLANE,
             Asked.ATTITUDE_THROTTLE,
             _IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE | _IGNORE_YAW_RATE,
+            PX4_PLANE,
             (0.0, 1.0),
+            air=(("VFR_HUD", 10.0), ("WIND_COV", 2.0)),
+            takes_rates=True,
         ),
-        _px4("px4-copter", _COPTERS, Handling.VELOCITY, Asked.VELOCITY_YAW_RATE, _VELOCITY_AND_YAW_RATE),
+        _px4(
+            "px4-copter",
+            _COPTERS,
+            Handling.VELOCITY,
+            Asked.VELOCITY_YAW_RATE,
+            _VELOCITY_AND_YAW_RATE,
+            PX4_COPTER,
+        ),
         _px4(
             "px4-rover",
             frozenset({dialect.MAV_TYPE_GROUND_ROVER}),
             Handling.VELOCITY,
             Asked.VELOCITY_YAW_RATE,
             _VELOCITY,
+            PX4_ROVER,
             planar=True,
         ),
         _ardupilot(
@@ -226,6 +266,7 @@ PROFILES: Final[dict[str, Profile]] = {
             "stops and stays in guided",
             ROVER_GUIDED,
             planar=True,
+            full_thrust_parameter="WP_SPEED",
         ),
         _ardupilot(
             "ardupilot-plane",
@@ -236,8 +277,9 @@ PROFILES: Final[dict[str, Profile]] = {
             PLANE_MODES,
             "loiter",
             "goes back to its own navigation and stays in guided",
-            (),
+            PLANE_GUIDED,
             (0.0, 1.0),
+            air=(("VFR_HUD", 10.0), ("WIND", 2.0)),
         ),
         _ardupilot(
             "ardupilot-copter",
@@ -248,10 +290,15 @@ PROFILES: Final[dict[str, Profile]] = {
             COPTER_MODES,
             "loiter",
             "levels and stops, and stays in guided (GUID_TIMEOUT)",
-            (),
+            COPTER_GUIDED,
         ),
     )
 }
+
+
+def fitting(beat: Heartbeat) -> list[str]:
+    """The names of the profiles that are for that vehicle."""
+    return [profile.name for profile in PROFILES.values() if profile.fits(beat)]
 
 
 def set_mode_command(mode: Mode, system: int, component: int) -> Any:

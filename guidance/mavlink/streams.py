@@ -51,12 +51,12 @@ class Stream:
         self.instead_of = instead_of  # asked for only if that stream does not come
         self.wanted_hz = wanted_hz
         self.rejected = 0
+        self.last_ns: int | None = None  # when the newest came
         self._alive_ns = _ALIVE_NS if alive_s is None else round(alive_s * 1e9)
         self._asked_hz = wanted_hz
         self._asked_ns: int | None = None
         self._refused = False
         self._arrivals_ns: deque[int] = deque(maxlen=_ARRIVALS_MAX)
-        self._last_ns: int | None = None
         self._last_valid = False
         self._usable_ns: int | None = None
         self._first_asked_ns: int | None = None
@@ -77,7 +77,7 @@ class Stream:
         self._asked_ns = None
         self._refused = False
         self._arrivals_ns.clear()
-        self._last_ns = None
+        self.last_ns = None
         self._last_valid = False
         self._usable_ns = None
         self._first_asked_ns = None
@@ -85,7 +85,7 @@ class Stream:
     def arrived(self, now_ns: int, *, valid: bool) -> None:
         """A message came; `valid` says whether its content could be used."""
         self._arrivals_ns.append(now_ns)
-        self._last_ns = now_ns
+        self.last_ns = now_ns
         self._last_valid = valid
         if valid:
             self._usable_ns = now_ns
@@ -95,7 +95,7 @@ class Stream:
 
     def alive(self, now_ns: int) -> bool:
         """Whether the newest message is young."""
-        return self._last_ns is not None and now_ns - self._last_ns <= self._alive_ns
+        return self.last_ns is not None and now_ns - self.last_ns <= self._alive_ns
 
     def absent(self, now_ns: int) -> bool:
         """Whether it was asked for and nothing usable came, or stopped coming."""
@@ -122,7 +122,7 @@ class Stream:
     def status(self, now_ns: int) -> StreamStatus:
         """Alive, at rate, valid: the three verdicts, apart."""
         rate_hz = self.rate_hz(now_ns)
-        age_ns = None if self._last_ns is None else now_ns - self._last_ns
+        age_ns = None if self.last_ns is None else now_ns - self.last_ns
         alive = self.alive(now_ns)
         return StreamStatus(
             message=self.message,
@@ -144,6 +144,13 @@ class Stream:
             self._refused = True
         self._asked_hz = max(self._asked_hz * LOWERED, SLOWEST_HZ)
         self._asked_ns = None
+
+    def cap(self, most_hz: float) -> None:
+        """The autopilot grants no more than `most_hz`: ask for that, if it is less than what is wanted."""
+        possible_hz = min(self.wanted_hz, most_hz)
+        if self._asked_hz != possible_hz and (most_hz < self.wanted_hz):
+            self._asked_hz = possible_hz
+            self._asked_ns = None
 
     def due(self, now_ns: int) -> bool:
         """Whether the autopilot should be asked (again) for this stream now."""
@@ -211,6 +218,11 @@ class Streams:
         better = self._by_message[stream.instead_of]
         return better.absent(now_ns) and self.needed(better, now_ns)
 
+    def cap(self, most_hz: float) -> None:
+        """The autopilot grants none of them faster than this."""
+        for stream in self._by_message.values():
+            stream.cap(most_hz)
+
     def acknowledged(self, accepted: bool, known: bool = True) -> None:
         """COMMAND_ACK of SET_MESSAGE_INTERVAL came; `known` is false if there is no such message."""
         if self._asking is not None and not accepted:
@@ -228,12 +240,18 @@ def state_hz(rate_hz: float) -> float:
 
 
 def wanted_streams(
-    rate_hz: float, attitude_timeout_s: float, position_timeout_s: float, mode_hz: float, *, odometry: bool
+    rate_hz: float,
+    attitude_timeout_s: float,
+    position_timeout_s: float,
+    mode_hz: float,
+    *,
+    odometry: bool,
+    air: Iterable[tuple[str, float]] = (),
 ) -> list[Stream]:
     """What setpoints at `rate_hz` need: a lesser message is asked for only where the better is absent.
 
-    ODOMETRY only where it can be asked for, CURRENT_MODE only where `mode_hz` is not 0. An ODOMETRY takes
-    245 bytes on the wire, ATTITUDE_QUATERNION and LOCAL_POSITION_NED together 84.
+    ODOMETRY only where it can be asked for, CURRENT_MODE only where `mode_hz` is not 0, and `air` besides.
+    An ODOMETRY takes 245 bytes on the wire, ATTITUDE_QUATERNION and LOCAL_POSITION_NED together 84.
     """
     hz = state_hz(rate_hz)
 
@@ -251,4 +269,4 @@ def wanted_streams(
         streams.insert(0, state(best, min(attitude_timeout_s, position_timeout_s), None))
     if mode_hz:
         streams.append(Stream("CURRENT_MODE", mode_hz, alive_s=3.0, insist=False))
-    return streams
+    return [*streams, *(Stream(message, hz, alive_s=3.0, insist=False) for message, hz in air)]

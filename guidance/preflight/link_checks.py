@@ -9,7 +9,7 @@ from typing import Final
 from guidance.connection import SerialLine
 from guidance.mavlink.budget import FULL
 from guidance.mavlink.outbox import COMPONENT_ID
-from guidance.mavlink.profiles import PROFILES
+from guidance.mavlink.profiles import PROFILES, fitting
 from guidance.mavlink.report import enum_name, is_garbage, version_text
 from guidance.mavlink.signing import Refusal
 from guidance.mavlink.streams import SATISFIED, Stream
@@ -181,16 +181,14 @@ def profile(seen: Seen) -> Iterator[Finding]:
     beat, row = seen.observation.link.heartbeat, seen.observation.profile
     assert beat is not None
     kind = f"{enum_name('MAV_AUTOPILOT', beat.autopilot)} {enum_name('MAV_TYPE', beat.type)}"
-    fitting = [
-        p.name for p in PROFILES.values() if p.autopilot == beat.autopilot and beat.type in p.vehicle_types
-    ]
-    if row.name in fitting:
+    fit = fitting(beat)
+    if row.name in fit:
         yield ok(
             "profile",
             f"{row.name} is for {enum_name('MAV_TYPE', beat.type).removeprefix('MAV_TYPE_').lower()}",
         )
     else:
-        known = f"set vehicle.profile = {fitting[0]}" if fitting else f"there is none yet; {_known()}"
+        known = f"set vehicle.profile = {fit[0]}" if fit else f"there is none yet; {_known()}"
         yield fail(
             "profile", f"{row.name} is not for {kind}", f"is it the vehicle that is meant? If so, {known}"
         )

@@ -26,6 +26,7 @@ from guidance.mavlink.messages import (
 )
 from guidance.mavlink.parameters import ParameterReader, request_read
 from guidance.mavlink.report import absence, link_record
+from guidance.mavlink.requirements import names_of, partners_of
 from guidance.mavlink.signing import Signing
 from guidance.mavlink.streams import SATISFIED, Stream
 from guidance.readiness import young
@@ -64,9 +65,10 @@ class Observation:
             signing=signing,
         )
         self.tracker = Tracker(config, self.profile)
-        requirements = self.profile.requirements
-        names = [name for r in requirements for name in (r.parameter, r.older) if name]
-        self.parameters = ParameterReader(names, bytewise=self.profile.parameters_bytewise)
+        table = self.profile.requirements
+        self.parameters = ParameterReader(
+            names_of(table), bytewise=self.profile.parameters_bytewise, partners=partners_of(table)
+        )
         self.health: SysStatus | None = None
         self.estimator_flags: int | None = None
         self.texts: dict[str, None] = {}  # what the autopilot complained of, in order, each once

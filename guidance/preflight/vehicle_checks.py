@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from operator import attrgetter
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.config import Config
+from guidance.mavlink import requirements
 from guidance.mavlink.report import enum_name
-from guidance.mavlink.requirements import Bound, Requirement
+from guidance.mavlink.requirements import Grade, Requirement, values_of
 from guidance.preflight.findings import Finding, Verdict, fail, ok, skip, warn
 from guidance.preflight.seen import Seen
-
-#: An exact value may differ by this part, for the float32 that it was kept in.
-SAME: Final = 1e-3
 
 _PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
 _POSITION: Final = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
@@ -31,6 +26,12 @@ _BAD_STATES: Final = (
     dialect.MAV_STATE_POWEROFF,
     dialect.MAV_STATE_FLIGHT_TERMINATION,
 )
+_VERDICTS: Final = {
+    Grade.GOOD: Verdict.OK,
+    Grade.DOUBTFUL: Verdict.WARN,
+    Grade.BAD: Verdict.FAIL,
+    Grade.ABSENT: Verdict.SKIP,
+}
 _TO_ESTIMATOR: Final = "wait for the estimator; has it a source of position (GPS, beacons, a camera)?"
 
 
@@ -104,64 +105,24 @@ def mode(seen: Seen) -> Iterator[Finding]:
 
 
 def parameters(seen: Seen) -> Iterator[Finding]:
-    """Each that the profile depends on."""
-    for requirement in seen.observation.profile.requirements:
-        yield judged(requirement, seen)
+    """Each that the profile depends on, and what all of them together allow."""
+    observation = seen.observation
+    table, reader = observation.profile.requirements, observation.parameters
+    found = [judged(row, seen) for row in table]
+    yield from found
+    if reader.complete and not any(one.verdict is Verdict.FAIL for one in found):
+        unfit = observation.tracker.fit(values_of(table, reader.values))
+        if unfit is not None:
+            yield fail("parameters", unfit, "fly slower and wider, or set the parameter higher")
 
 
-def judged(requirement: Requirement, seen: Seen) -> Finding:
+def judged(row: Requirement, seen: Seen) -> Finding:
     """One parameter against what is needed."""
     reader = seen.observation.parameters
-    name = requirement.parameter
-    if name not in reader.values and requirement.older in reader.values:
-        name = requirement.older
-    value = reader.values.get(name)
-    if value is None:
-        if not reader.complete:
-            return skip(name, "was not answered in time")
-        older = f", and no {requirement.older}" if requirement.older else ""
-        return skip(name, f"the autopilot has no such parameter{older}")
-    if not math.isfinite(value):
-        return fail(name, f"{value:g} is no value", f"set {name} anew: the memory of it is damaged")
-    shown = f"{value:g} {requirement.unit}".rstrip()
-    if requirement.meanings:
-        meaning = requirement.meanings.get(round(value))
-        if meaning is None:
-            todo = f"look it up in the firmware's own list: {requirement.why}"
-            return warn(name, f"{shown}: a meaning that is not known here", todo)
-        shown = f"{shown}: {meaning}"
-        doubtful = round(value) in requirement.doubtful
-        return warn(name, shown, requirement.why) if doubtful else ok(name, shown)
-    if value == 0.0 and requirement.zero_is_no_limit:
-        return ok(name, "no limit")
-    problem = _out_of_bounds(requirement, value, seen.config)
-    if problem is None:
-        return ok(name, shown)
-    verdict = Verdict.FAIL if requirement.serious else Verdict.WARN
-    return Finding(name, verdict, f"{shown}, needs {problem[0]}", f"{problem[1]}: {requirement.why}")
-
-
-def _out_of_bounds(requirement: Requirement, value: float, config: Config) -> tuple[str, str] | None:
-    """What it should be, and how to get there; None if it is."""
-    low, high = _number(requirement.low, config), _number(requirement.high, config)
-    scaled = value * requirement.scale
-    too_low = low is not None and scaled < low * (1.0 - SAME)
-    too_high = high is not None and scaled > high * (1.0 + SAME)
-    if not too_low and not too_high:
-        return None
-    bound, key = (low, requirement.low) if too_low else (high, requirement.high)
-    assert bound is not None
-    wanted = f"{bound / requirement.scale:g}"
-    least = "" if low == high else "at least " if too_low else "at most "
-    todo = f"set {requirement.parameter} to {least}{wanted}"
-    if isinstance(key, str):
-        return f"{least}{wanted} for {key} = {bound:g}", f"{todo}, or {key} = {scaled:g}"
-    return f"{least}{wanted}", todo
-
-
-def _number(bound: Bound | None, config: Config) -> float | None:
-    """A key that is not set sets no bound."""
-    return attrgetter(bound)(config) if isinstance(bound, str) else bound
+    if row.value(reader.values) is None and not reader.complete:
+        return skip(row.parameter, "was not answered in time")
+    name, grade, found, todo = requirements.judged(row, reader.values, seen.config)
+    return Finding(name, _VERDICTS[grade], found, todo)
 
 
 def origin(seen: Seen) -> Iterator[Finding]:

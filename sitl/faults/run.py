@@ -10,8 +10,8 @@ from sitl.faults.fault import BEGINNINGS, Fault, Never, vehicle_options
 from sitl.faults.flight import Flight, configured
 
 KEY: Final = bytes(range(32))
-#: The autopilot's own words, passed on.
-_WORDS: Final = frozenset({"autopilot"})
+#: The autopilot's own words, passed on, and that the rover's loop grants no 50 Hz.
+_WORDS: Final = frozenset({"autopilot", "parameter", "rate_denied"})
 _MOVED_M: Final = 0.01
 
 

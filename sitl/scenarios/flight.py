@@ -17,6 +17,7 @@ from math import hypot, inf, sqrt
 from pathlib import Path
 from typing import Any, Final
 
+from guidance.commands import Engage
 from guidance.config import Config, load
 from guidance.records import GroundHandling, Record, Reference, Setpoint
 from guidance.supervisor import State
@@ -27,8 +28,8 @@ from sitl.vehicle.estimator import USUAL, Noise
 
 #: Where the shipped configurations are, in a checkout.
 DEPLOY: Final = Path(__file__).parents[2] / "deploy"
-#: It flies as soon as it may, around the autopilot's local origin.
-SETTINGS: Final = ('supervisor.engage="auto"', "supervisor.arm=true", 'flight.origin="ekf"')
+#: It flies when it is told to, around the autopilot's local origin.
+SETTINGS: Final = ("supervisor.arm=true", 'flight.origin="ekf"')
 PERIOD_S: Final = 0.02
 #: Engaging takes no longer.
 ENGAGED_S: Final = 20.0
@@ -124,6 +125,8 @@ def fly(task: Task, seed: int = 0, directory: Path = DEPLOY) -> Figures:
         config, vehicle, start_ns=SECOND, to_guide=late, to_vehicle=late, seed=seed, on_record=log.take
     )
     tracker, engagement = flight.guide.tracker, flight.guide.engagement
+    if flight.run(ENGAGED_S, until=lambda: engagement.state is State.READY):
+        flight.guide.command(Engage(), flight.now_ns)
     if not flight.run(ENGAGED_S, until=lambda: tracker.start_ns is not None):
         raise NotFlownError(f"{task.profile} did not engage: {engagement.state}, {engagement.reason}")
     begun_s, origin = flight.now_ns * 1e-9, tracker.origin_ned_m

@@ -15,15 +15,13 @@ from sitl.vehicle.bodies.jsbsim import JsbsimBody
 from sitl.vehicle.bodies.rover import RoverBody
 from sitl.vehicle.bodies.uuv import UuvBody
 from sitl.vehicle.body import Body
-from sitl.vehicle.options import IDEAL, VehicleOptions
+from sitl.vehicle.options import AIRBORNE_M, IDEAL, VehicleOptions
 
 #: Either one by this name: that which was recorded with the firmware.
 AIRPLANE: Final = "airplane"
 COPTER: Final = "copter"
 #: The speed of an airplane that begins in the air, times its stall speed, if its options do not say.
 AIRPLANE_STALLS: Final = 1.5
-#: Where an aircraft of JSBSim begins whose options do not say: it has no ground to roll on.
-JSBSIM_HEIGHT_M: Final = 100.0
 
 _TAKES: Final[dict[type, tuple[type, ...]]] = {
     rover.Parameters: RoverBody.takes,
@@ -113,15 +111,6 @@ def _airplane(options: VehicleOptions, parameters: airplane.Parameters, start_ns
     )
 
 
-def _copter(options: VehicleOptions, parameters: copter.Parameters, start_ns: int) -> CopterBody:
-    position = options.start_position_ned_m()
-    if position[2] > 0.0:
-        raise ValueError(
-            f"the model {options.model} starts on the ground or above, not {position[2]:g} m below"
-        )
-    return CopterBody(parameters, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)
-
-
 def _jsbsim(options: VehicleOptions, parameters: jsbsim_airplane.Parameters, start_ns: int) -> JsbsimBody:
     speed = options.initial_speed_m_s
     try:
@@ -142,4 +131,13 @@ def _jsbsim(options: VehicleOptions, parameters: jsbsim_airplane.Parameters, sta
 def _in_the_air(options: VehicleOptions) -> Triple:
     """The chosen position, or one high enough to fly."""
     north_m, east_m, down_m = options.start_position_ned_m()
-    return (north_m, east_m, -JSBSIM_HEIGHT_M if options.initial_position_ned_m is None else down_m)
+    return (north_m, east_m, -AIRBORNE_M if options.initial_position_ned_m is None else down_m)
+
+
+def _copter(options: VehicleOptions, parameters: copter.Parameters, start_ns: int) -> CopterBody:
+    position = options.start_position_ned_m()
+    if position[2] > 0.0:
+        raise ValueError(
+            f"the model {options.model} starts on the ground or above, not {position[2]:g} m below"
+        )
+    return CopterBody(parameters, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)

@@ -1,0 +1,165 @@
+"""PX4's parameters that count, one table for each class of vehicle.
+
+Sources: `commander_params.c`, `mavlink_params.c`, `fw_att_control` and `fw_lateral_longitudinal_control`
+parameters, `mc_pos_control` (`multicopter_position_control_limits_params.c`), `rover_control` (PX4 1.16; a
+rover of 1.15 and older has GND_*). Of the rovers no recording was at hand.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from guidance.mavlink.requirements import Requirement
+
+_DEG: Final = math.radians(1.0)
+_SPEED: Final = (0.1, 150.0)
+
+PX4_OFFBOARD: Final = (
+    Requirement(
+        "COM_OF_LOSS_T",
+        "it is how long the autopilot goes on with the last setpoint: shorter, a gap in the stream ends the "
+        "flight before the service can; longer, a vehicle that nobody guides goes on as long",
+        low=1.0,
+        high=2.0,
+        unit="s",
+    ),
+    Requirement(
+        "COM_OBL_RC_ACT",
+        "that is what the autopilot does when the setpoints stop; is it meant?",
+        meanings={
+            0: "position mode",
+            1: "altitude mode",
+            2: "manual",
+            3: "return",
+            4: "land",
+            5: "hold",
+            6: "terminate",
+            7: "disarm",
+        },
+        doubtful=frozenset({6, 7}),
+    ),
+    Requirement(
+        "MAV_FWDEXTSP",
+        "without it setpoints of a companion computer are not carried out",
+        low=1.0,
+        high=1.0,
+    ),
+)
+
+
+def _limit(
+    name: str, what: str, unit: str, plausible: tuple[float, float], *, older: str = ""
+) -> Requirement:
+    """One that the handling keeps to."""
+    return Requirement(name, what, unit=unit, plausible=plausible, older=older, used=True)
+
+
+def _required(name: str, what: str, unit: str, plausible: tuple[float, float]) -> Requirement:
+    return _limit(name, what, unit, plausible)._replace(required=True)
+
+
+PX4_PLANE: Final = (
+    *PX4_OFFBOARD,
+    _required("FW_AIRSPD_MIN", "below it the autopilot takes the airplane to stall", "m/s", _SPEED),
+    _required("FW_AIRSPD_TRIM", "its controllers are tuned at this airspeed", "m/s", _SPEED),
+    _required("FW_AIRSPD_MAX", "above it the autopilot takes the airplane to break", "m/s", _SPEED),
+    _limit("FW_AIRSPD_STALL", "it is the airspeed at which it stalls", "m/s", (0.0, 150.0)),
+    _limit("FW_R_LIM", "the bank is asked for up to this angle", "deg", (5.0, 80.0)),
+    _limit("FW_P_LIM_MIN", "the nose is asked to go down to this angle", "deg", (-80.0, -1.0)),
+    _limit("FW_P_LIM_MAX", "the nose is asked to go up to this angle", "deg", (1.0, 80.0)),
+    _limit("FW_THR_MIN", "throttle is asked for from here on", "", (0.0, 0.9)),
+    _limit("FW_THR_TRIM", "throttle begins here, before it is learned", "", (0.01, 1.0)),
+    _limit("FW_THR_MAX", "throttle is asked for up to here", "", (0.1, 1.0)),
+    _limit(
+        "FW_T_CLMB_MAX", "it is how fast the airplane climbs with all of its throttle", "m/s", (0.1, 100.0)
+    ),
+    _limit("FW_T_SINK_MAX", "it is how fast the airplane may sink", "m/s", (0.1, 100.0)),
+    _limit("FW_R_TC", "the bank follows with this time constant", "s", (0.05, 5.0)),
+    _limit("FW_P_TC", "the pitch follows with this time constant", "s", (0.05, 5.0)),
+    Requirement(
+        "FW_ACRO_YAW_EN",
+        "",
+        meanings={0: "a yaw rate is not obeyed: it turns by banking", 1: "a yaw rate is obeyed"},
+    ),
+    Requirement(
+        "FW_USE_AIRSPD",
+        "the autopilot guesses its airspeed, and so has the service to: keep away from the slowest",
+        meanings={0: "no airspeed sensor", 1: "its airspeed sensor counts"},
+        doubtful=frozenset({0}),
+    ),
+)
+
+_VELOCITY_GAINS: Final = tuple(f"MPC_{axis}_VEL_{gain}_ACC" for axis in ("XY", "Z") for gain in "PID")
+
+PX4_COPTER: Final = (
+    *PX4_OFFBOARD,
+    Requirement(
+        "MPC_XY_VEL_MAX",
+        "the vehicle flies slower than it is asked to",
+        low="limits.speed_max_m_s",
+        unit="m/s",
+        serious=False,
+        plausible=_SPEED,
+        required=True,
+        used=True,
+    ),
+    _required("MPC_Z_VEL_MAX_UP", "it climbs no faster", "m/s", _SPEED),
+    _required("MPC_Z_VEL_MAX_DN", "it sinks no faster", "m/s", _SPEED),
+    _limit("MPC_ACC_HOR", "the velocity changes no faster in flight by itself", "m/s^2", (0.1, 50.0)),
+    _limit("MPC_ACC_HOR_MAX", "the velocity changes no faster", "m/s^2", (0.1, 50.0)),
+    _limit("MPC_ACC_UP_MAX", "the velocity changes no faster upwards", "m/s^2", (0.1, 50.0)),
+    _limit("MPC_ACC_DOWN_MAX", "the velocity changes no faster downwards", "m/s^2", (0.1, 50.0)),
+    _limit("MPC_JERK_MAX", "the acceleration changes no faster", "m/s^3", (0.1, 500.0)),
+    _limit("MPC_TILTMAX_AIR", "it leans no further", "deg", (5.0, 89.0)),
+    Requirement(
+        "MC_YAWRATE_MAX",
+        "the vehicle turns slower than it is asked to",
+        low="limits.yaw_rate_max_rad_s",
+        scale=_DEG,
+        unit="deg/s",
+        serious=False,
+        plausible=(1.0, 2000.0),
+        used=True,
+    ),
+    *(_limit(name, "with this gain it follows a velocity", "", (0.0, 20.0)) for name in _VELOCITY_GAINS),
+    _limit("MPC_YAWRAUTO_MAX", "its heading turns no faster by itself", "deg/s", (1.0, 2000.0)),
+)
+
+PX4_ROVER: Final = (
+    *PX4_OFFBOARD,
+    Requirement(
+        "RO_SPEED_LIM",
+        "the vehicle drives slower than it is asked to",
+        low="limits.speed_max_m_s",
+        unit="m/s",
+        zero_is_no_limit=True,
+        serious=False,
+        plausible=_SPEED,
+        older="GND_SPEED_MAX",
+        used=True,
+    ),
+    Requirement("RO_MAX_THR_SPEED", "", unit="m/s"),
+    _limit("RO_SPEED_P", "with this gain it follows a speed", "", (0.0, 100.0)),
+    _limit("RO_YAW_P", "with this gain it turns to a bearing", "1/s", (0.01, 100.0)),
+    _limit("RO_ACCEL_LIM", "it gains speed no faster", "m/s^2", (0.01, 100.0))._replace(
+        zero_is_no_limit=True
+    ),
+    _limit("RO_DECEL_LIM", "it loses speed no faster", "m/s^2", (0.01, 100.0))._replace(
+        zero_is_no_limit=True
+    ),
+    Requirement(
+        "RO_YAW_RATE_LIM",
+        "the vehicle turns slower than it is asked to",
+        low="limits.yaw_rate_max_rad_s",
+        scale=_DEG,
+        unit="deg/s",
+        zero_is_no_limit=True,
+        serious=False,
+        plausible=(1.0, 10000.0),
+        used=True,
+    ),
+    _limit("RO_YAW_ACCEL_LIM", "its turn rate changes no faster", "deg/s^2", (1.0, 10000.0))._replace(
+        zero_is_no_limit=True
+    ),
+)

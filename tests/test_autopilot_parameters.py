@@ -1,0 +1,134 @@
+"""The tables of the autopilots' parameters, held against the lists that real autopilots sent."""
+
+from __future__ import annotations
+
+import json
+import math
+from operator import attrgetter
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from guidance.mavlink.profiles import PROFILES
+from guidance.mavlink.requirements import (
+    Grade,
+    Judged,
+    Requirement,
+    judged,
+    names_of,
+    partners_of,
+    values_of,
+)
+from tests.helpers import make_config
+
+RECORDED: Final[dict[str, dict[str, float]]] = json.loads(
+    (Path(__file__).parent / "data" / "autopilot_parameters.json").read_text()
+)
+CONFIG: Final = make_config()
+ROW: Final = Requirement(
+    "NEW_DEG", "so", unit="deg", older="OLD_CD", older_scale=0.01, plausible=(5.0, 80.0), required=True
+)
+
+named = pytest.mark.parametrize("name", RECORDED)
+
+
+@named
+def test_every_row_names_what_the_autopilot_has_and_nothing_of_it_is_absurd(name: str) -> None:
+    for row in PROFILES[name].requirements:
+        found = row.value(RECORDED[name])
+        assert found is not None, row.names
+        assert judged(row, RECORDED[name], CONFIG).grade in (Grade.GOOD, Grade.DOUBTFUL)
+
+
+@named
+def test_nothing_but_what_the_tables_name_is_kept(name: str) -> None:
+    assert RECORDED[name].keys() <= set(names_of(PROFILES[name].requirements))
+
+
+def test_the_units_of_older_names_are_those_of_the_newer() -> None:
+    copter = values_of(PROFILES["ardupilot-copter"].requirements, RECORDED["ardupilot-copter"])
+    assert (copter["WP_SPD"], copter["WP_SPD_UP"], copter["WP_SPD_DN"]) == (10.0, 2.5, 1.5)
+    assert (copter["WP_ACC"], copter["ATC_ANGLE_MAX"], copter["PSC_JERK_NE"]) == (2.5, 30.0, 5.0)
+    old = {"ARSPD_FBW_MIN": 9.0, "TRIM_ARSPD_CM": 1200.0, "ARSPD_FBW_MAX": 22.0, "LIM_ROLL_CD": 4500.0}
+    old |= {"LIM_PITCH_MAX": 2000.0, "LIM_PITCH_MIN": -2500.0}
+    assert values_of(PROFILES["ardupilot-plane"].requirements, old) == {
+        "AIRSPEED_MIN": 9.0,
+        "AIRSPEED_CRUISE": 12.0,
+        "AIRSPEED_MAX": 22.0,
+        "ROLL_LIMIT_DEG": 45.0,
+        "PTCH_LIM_MAX_DEG": 20.0,
+        "PTCH_LIM_MIN_DEG": -25.0,
+    }
+
+
+def test_no_limit_is_left_out() -> None:
+    table = PROFILES["px4-rover"].requirements
+    said = {"RO_SPEED_LIM": -1.0, "RO_ACCEL_LIM": 0.0, "RO_YAW_RATE_LIM": 90.0}
+    assert values_of(table, said) == {"RO_YAW_RATE_LIM": 90.0}
+    assert values_of(table, {"GND_SPEED_MAX": 3.0}) == {"RO_SPEED_LIM": 3.0}
+    (speed,) = (row for row in table if row.parameter == "RO_SPEED_LIM")
+    assert judged(speed, said, CONFIG) == Judged("RO_SPEED_LIM", Grade.GOOD, "no limit")
+
+
+@pytest.mark.parametrize(
+    ("answers", "grade", "text"),
+    [
+        ({"NEW_DEG": 45.0}, Grade.GOOD, "NEW_DEG = 45 deg"),
+        ({"OLD_CD": 4500.0}, Grade.GOOD, "OLD_CD = 4500"),
+        ({"NEW_DEG": 45.0, "OLD_CD": 1.0}, Grade.GOOD, "NEW_DEG = 45 deg"),
+        (
+            {"NEW_DEG": 4500.0},
+            Grade.BAD,
+            "NEW_DEG = 4500 deg, which cannot be: 5 to 80 may: set NEW_DEG to what the vehicle can do: so",
+        ),
+        (
+            {"OLD_CD": 45.0},
+            Grade.BAD,
+            "OLD_CD = 45, which cannot be: 500 to 8000 may: set OLD_CD to what the vehicle can do: so",
+        ),
+        (
+            {},
+            Grade.BAD,
+            "NEW_DEG = the autopilot has no such parameter, and no OLD_CD: "
+            "is this the firmware that the profile is for? So",
+        ),
+        (
+            {"NEW_DEG": math.nan},
+            Grade.BAD,
+            "NEW_DEG = nan is no value: set NEW_DEG anew: the memory of it is damaged",
+        ),
+    ],
+    ids=str,
+)
+def test_what_is_missing_or_absurd_says_how_much_and_what_to_do(
+    answers: dict[str, float], grade: Grade, text: str
+) -> None:
+    found = judged(ROW, answers, CONFIG)
+    assert (found.grade, str(found)) == (grade, text)
+
+
+def test_what_no_flight_needs_may_be_absent() -> None:
+    assert judged(ROW._replace(required=False), {}, CONFIG).grade is Grade.ABSENT
+
+
+def test_bounds_of_an_older_name_are_told_in_its_unit() -> None:
+    row = ROW._replace(low=10.0, serious=False)
+    found = judged(row, {"OLD_CD": 600.0}, CONFIG)
+    assert found == Judged(
+        "OLD_CD", Grade.DOUBTFUL, "600, needs at least 1000", "set OLD_CD to at least 1000: so"
+    )
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: profile.name)
+def test_rows_are_whole(profile: object) -> None:
+    table = attrgetter("requirements")(profile)
+    names = names_of(table)
+    assert len(names) == len(set(names))
+    assert all(len(name) <= 16 for name in names)
+    assert partners_of(table).keys() <= set(names)
+    for row in table:
+        assert row.why or not (row.required or row.plausible)
+        assert row.required <= row.used
+    required = [row.parameter for row in table if row.required]
+    assert names[: len(required)] == required

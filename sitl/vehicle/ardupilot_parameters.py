@@ -107,6 +107,7 @@ COPTER: Final = {
     "PILOT_SPEED_UP": Parameter(250, INT16),
     "PILOT_Y_RATE_TC": Parameter(0.0),
     "PSC_JERK_XY": Parameter(5.0),
+    "PSC_JERK_Z": Parameter(5.0),
     "PSC_POSXY_P": Parameter(1.0),
     "PSC_POSZ_P": Parameter(1.0),
     "PSC_VELXY_I": Parameter(1.0),

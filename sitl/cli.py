@@ -49,12 +49,13 @@ app.command()(scenarios)
 @app.command()
 def vehicle(
     model: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME|FILE.toml",
-            help="The body: ideal, uuv, rover, boat, airplane (_12 or _20 m/s), or parameters in a file.",
+            help="The body: ideal, uuv, rover, boat, airplane (_12 or _20 m/s), copter, or parameters in a "
+            "file; default, one that fits the firmware.",
         ),
-    ] = IDEAL,
+    ] = None,
     firmware: Annotated[
         Firmware | None, typer.Option(help="Whose manners the vehicle has; default, one that fits the model.")
     ] = None,
@@ -76,16 +77,16 @@ def vehicle(
     position: Annotated[
         str | None,
         typer.Option(
-            metavar="N,E,D", help="Start in metres NED; default -10,-30,-5 (rover: 0 up, airplane: 100)."
+            metavar="N,E,D", help="Start in metres NED; default -10,-30 on the ground, px4-uuv 5 m deep."
         ),
     ] = None,
     yaw_deg: Annotated[float, typer.Option(help="Heading at the start.")] = 0.0,
     speed: Annotated[
         float | None,
-        typer.Option(help="airplane: airspeed at the start, m/s; 0 on the ground; default 1.5 x stall."),
+        typer.Option(help="airplane: airspeed at a start in the air, m/s; default 1.5 x stall."),
     ] = None,
     wind: Annotated[
-        str | None, typer.Option(metavar="N,E", help="Velocity of the air, m/s: airplane, rover, boat.")
+        str | None, typer.Option(metavar="N,E", help="Velocity of the air, m/s: what flies, rover, boat.")
     ] = None,
     gusts: Annotated[float, typer.Option(help="airplane: sigma of level turbulence, m/s.")] = 0.0,
     home: Annotated[
@@ -109,6 +110,12 @@ def vehicle(
     seed: Annotated[int, typer.Option(help="Seed of the noise and of the gusts.")] = 0,
     mode: Annotated[str | None, typer.Option(help="Mode at the start, such as OFFBOARD or HOLD.")] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Start armed.")] = False,
+    airborne: Annotated[
+        bool,
+        typer.Option(
+            "--airborne", help="What flies: start armed at 60 m, in the mode that circles or stands."
+        ),
+    ] = False,
     estimator_ready: Annotated[float, typer.Option(help="Seconds until there is a position.")] = 0.0,
     clock_drift_ppm: Annotated[float, typer.Option(help="How fast the vehicle's clock is.")] = 0.0,
     system_id: Annotated[int, typer.Option(help="MAVLink system id.")] = 1,
@@ -144,8 +151,8 @@ def vehicle(
             exit_with_stdin=exit_with_stdin,
         )
         vehicle_options = VehicleOptions(
-            firmware=_firmware(model) if firmware is None else firmware,
-            model=model,
+            firmware=_firmware(model or IDEAL) if firmware is None else firmware,
+            model=model or "",
             system_id=system_id,
             plant=PlantParameters(max_rate, max_speed, rate_lag, speed_lag),
             initial_position_ned_m=None if position is None else _three("--position", position),
@@ -155,6 +162,7 @@ def vehicle(
             gusts_m_s=gusts,
             initial_mode=mode,
             initially_armed=arm,
+            airborne=airborne,
             origin=Origin() if home is None else Origin(*_three("--home", home)),
             speed_at_full_thrust_m_s=full_thrust_speed,
             parameters=_parameters(set_ or []),

@@ -167,9 +167,12 @@ def test_a_north_wind_comes_from_0_degrees() -> None:
 
 
 def test_which_firmware_drives_which_model() -> None:
-    assert fitting("ideal") == [Firmware.PX4_UUV, Firmware.ARDUPILOT_ROVER]
+    assert set(fitting("ideal")) == {Firmware.PX4_UUV, Firmware.PX4_ROVER, Firmware.ARDUPILOT_ROVER}
     assert fitting("uuv") == [Firmware.PX4_UUV]
-    assert fitting("rover") == fitting("boat") == [Firmware.ARDUPILOT_ROVER]
+    assert fitting("rover") == fitting("boat") == [Firmware.ARDUPILOT_ROVER, Firmware.PX4_ROVER]
+    assert fitting("rover_px4")[0] == Firmware.PX4_ROVER
+    assert fitting("copter_ardupilot") == [Firmware.ARDUPILOT_COPTER, Firmware.PX4_COPTER]
+    assert fitting("copter")[0] == Firmware.PX4_COPTER
 
 
 def test_an_airplane_has_the_firmware_that_it_was_recorded_with() -> None:
@@ -289,7 +292,7 @@ def test_a_parameter_file_is_a_model(tmp_path: Path) -> None:
     path = tmp_path / "slow.toml"
     shipped = (files("sitl.models") / "rover.toml").read_text()
     path.write_text(shipped.replace("speed_max_m_s = 20.0", "speed_max_m_s = 0.5"))
-    assert fitting(str(path)) == [Firmware.ARDUPILOT_ROVER]
+    assert Firmware.ARDUPILOT_ROVER in fitting(str(path))
     peer = rover_in_guided(model=str(path))
     peer.stream(8.0, 0x83, thrust=1.0)
     assert peer.vehicle.truth().speed_m_s == pytest.approx(0.5, rel=0.05)

@@ -85,7 +85,8 @@ def test_the_interval_that_was_set_is_the_interval_that_is_told(firmware: Firmwa
 
 @BOTH
 def test_interval_zero_is_the_default_again(firmware: Firmware) -> None:
-    peer = Peer(firmware)
+    streams = {"MAV1_EXTRA1": 1.0} if firmware.startswith("ardupilot") else {}
+    peer = Peer(firmware, parameters=streams)
     peer.command(511, 30, -1)
     assert not [m for m in peer.run(2.0) if m.get_type() == "ATTITUDE"][1:]
     peer.command(511, 30, 0)

@@ -138,7 +138,8 @@ def test_reboot_restarts_time_sequence_streams_and_mode_but_not_pose_and_paramet
     firmware: Firmware,
 ) -> None:
     name, kind = ("COM_OF_LOSS_T", 9) if firmware.startswith("px4") else ("SCHED_LOOP_RATE", 4)
-    peer = Peer(firmware, clock_offset_ns=100 * SECOND)
+    streams = {"MAV1_EXTRA1": 1.0} if firmware.startswith("ardupilot") else {}
+    peer = Peer(firmware, clock_offset_ns=100 * SECOND, parameters=streams)
     peer.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), 30.0, kind))
     peer.command(511, 30, -1)
     peer.command(400, 1)
@@ -218,7 +219,8 @@ QUICK = (
 
 @BOTH
 def test_sequence_numbers_have_no_gap(firmware: Firmware) -> None:
-    vehicle = Vehicle(VehicleOptions(firmware=firmware))
+    streams = {"MAV1_EXTRA1": 20.0} if firmware.startswith("ardupilot") else {}
+    vehicle = Vehicle(VehicleOptions(firmware=firmware, parameters=streams))
     numbers = [m.get_seq() for m in decoded(vehicle.advance(60 * SECOND))]
     assert len(numbers) > 1000
     assert numbers == [index % 256 for index in range(len(numbers))]

@@ -124,3 +124,44 @@ def rover_in_guided(**options: Any) -> Peer:
 def lagging(rate_lag_s: float, speed_lag_s: float) -> PlantParameters:
     """A plant with lags."""
     return PlantParameters(rate_lag_s=rate_lag_s, speed_lag_s=speed_lag_s)
+
+
+GCS_HEARTBEAT = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
+ATTITUDE_THRUST = 0x07
+"""SET_ATTITUDE_TARGET: attitude and thrust, no rates."""
+VELOCITY_YAW_RATE = 0x5C7
+"""SET_POSITION_TARGET_LOCAL_NED: velocity and yaw rate."""
+
+
+def airborne(firmware: Firmware, **options: Any) -> Peer:
+    """What flies, armed at 60 m in the mode that circles or stands; a ground station was heard."""
+    peer = Peer(firmware, airborne=True, **options)
+    peer.send(GCS_HEARTBEAT)
+    return peer
+
+
+def height(peer: Peer) -> float:
+    """Above the origin, m."""
+    return -peer.vehicle.truth().position_ned_m[2]
+
+
+def velocity_target(
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    yaw_rate: float = 0.0,
+    *,
+    mask: int = VELOCITY_YAW_RATE,
+    frame: int = 1,
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    yaw: float = 0.0,
+) -> Any:
+    """A SET_POSITION_TARGET_LOCAL_NED."""
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, *position, *velocity, 0.0, 0.0, 0.0, yaw, yaw_rate
+    )
+
+
+def stream_velocity(peer: Peer, seconds: float, *args: Any, **values: Any) -> None:
+    """Such setpoints at 50 Hz."""
+    for _ in range(round(seconds * 50.0)):
+        peer.send(velocity_target(*args, **values))
+        peer.run(0.02)

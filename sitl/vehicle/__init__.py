@@ -1,4 +1,4 @@
-"""The built-in vehicle: a sans-IO MAVLink autopilot (PX4 UUV, ArduPilot rover) around a body."""
+"""The built-in vehicle: a sans-IO MAVLink autopilot (PX4 or ArduPilot, of any class) around a body."""
 
 from __future__ import annotations
 

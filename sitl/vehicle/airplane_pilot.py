@@ -7,7 +7,7 @@ throttle the airspeed. Below the least airspeed the nose goes down, whatever is 
 
 from __future__ import annotations
 
-from math import asin, atan, atan2, hypot, pi, remainder, sin
+from math import acos, asin, atan, atan2, hypot, pi, remainder, sin
 from typing import Final, NamedTuple
 
 from sitl.plant import euler_from_attitude
@@ -15,15 +15,18 @@ from sitl.vehicle.body import BodyState
 from sitl.vehicle.controls import Attitude
 
 GRAVITY_M_S2: Final = 9.80665
-#: Steepest bank of what flies by itself: 20 % more stall speed.
+#: Steepest bank of what flies by itself; the least that a slow airplane keeps, and the part of the airspeed
+#: that the load factor may take above the least one.
 ROLL_MAX_RAD: Final = 0.8
+ROLL_SLOW_RAD: Final = 0.3
+LOAD_MARGIN: Final = 1.1
 COURSE_PER_S: Final = 0.6
 HEIGHT_PER_S: Final = 0.4
 #: A circle that is farther off than its radius is flown to by the shortest way.
 CIRCLE_TURN: Final = 1.5
 PATH_P: Final = 0.5
 PATH_I_PER_S: Final = 0.6
-PITCH_TRIM_MAX_RAD: Final = 0.35
+PITCH_TRIM_MAX_RAD: Final = 0.2
 THROTTLE_PER_M_S: Final = 0.08
 THROTTLE_I: Final = 0.03
 #: Throttle that carries the weight's part along the path.
@@ -31,6 +34,10 @@ THROTTLE_PER_SLOPE: Final = 0.75
 #: In parts of the least airspeed: where it does not climb, and the width over which it climbs as asked for.
 NO_CLIMB: Final = 0.9
 CLIMB_WIDTH: Final = 0.25
+#: Between these parts of the least airspeed the nose may be so far above the path (rad): only less angle of
+#: attack, and the speed that follows, unstalls a wing.
+SLOW: Final = (0.85, 1.15)
+NOSE_ABOVE_PATH_RAD: Final = (-0.15, 0.3)
 #: In parts of the least airspeed: where the nose is lifted on the ground.
 ROTATE: Final = 1.1
 #: Closer to the ground than this (m) the wings stay level.
@@ -144,15 +151,21 @@ class AirplanePilot:
         dt_s, self._at_ns = (at_ns - self._at_ns) * 1e-9, at_ns
         pitch = self._pitch_rad + wanted + PATH_P * (wanted - path)
         throttle = self._throttle + THROTTLE_PER_M_S * (speed - v) + THROTTLE_PER_SLOPE * sin(wanted)
-        if e.pitch_min_rad < pitch < e.pitch_max_rad:
-            trim = self._pitch_rad + PATH_I_PER_S * (wanted - path) * dt_s
-            self._pitch_rad = _clamp(trim, -PITCH_TRIM_MAX_RAD, PITCH_TRIM_MAX_RAD)
+        (slow, fast), (low, high) = SLOW, NOSE_ABOVE_PATH_RAD
+        part = _clamp((state.airspeed_m_s / e.airspeed_min_m_s - slow) / (fast - slow), 0.0, 1.0)
+        pitch_max = _clamp(path + low + part * (high - low), e.pitch_min_rad, e.pitch_max_rad)
+        given = _clamp(pitch, e.pitch_min_rad, pitch_max)
+        # at a limit the integral comes back to what is given
+        missing = wanted - path if given == pitch else (given - pitch) / PATH_I_PER_S
+        trim = self._pitch_rad + PATH_I_PER_S * missing * dt_s
+        self._pitch_rad = _clamp(trim, -PITCH_TRIM_MAX_RAD, PITCH_TRIM_MAX_RAD)
         if 0.0 < throttle < e.throttle_max:
             self._throttle += THROTTLE_I * (speed - v) * dt_s
-        roll_max = min(e.roll_max_rad, ROLL_MAX_RAD)
+        load = acos(_clamp((LOAD_MARGIN * e.airspeed_min_m_s / v) ** 2, 0.0, 1.0))
+        roll_max = min(e.roll_max_rad, ROLL_MAX_RAD, max(ROLL_SLOW_RAD, load))
         return Attitude(
             _clamp(roll, -roll_max, roll_max),
-            _clamp(pitch, e.pitch_min_rad, e.pitch_max_rad),
+            given,
             _clamp(throttle, 0.0, e.throttle_max),
         )
 

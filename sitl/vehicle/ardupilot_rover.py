@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sitl.plant import euler_from_attitude
+from sitl.plant import Triple, euler_from_attitude
 from sitl.vehicle.ardupilot import ArduPilot
 from sitl.vehicle.ardupilot_parameters import COMMON, ROVER
 from sitl.vehicle.ardupilot_targets import (
@@ -33,6 +33,7 @@ from sitl.vehicle.controls import Control, Drive
 STAND: Final = Drive()
 
 HOLD: Final = 4
+LOITER: Final = 5
 AUTO: Final = 10
 GUIDED: Final = 15
 INITIALISING: Final = 16
@@ -41,7 +42,7 @@ NAMES: Final = {
     1: "ACRO",
     3: "STEERING",
     HOLD: "HOLD",
-    5: "LOITER",
+    LOITER: "LOITER",
     6: "FOLLOW",
     7: "SIMPLE",
     9: "CIRCLE",
@@ -58,6 +59,8 @@ _NO_FLAG: Final = frozenset({HOLD})
 #: FRAME_CLASS of a boat.
 BOAT: Final = 2
 SETPOINT_TIMEOUT_NS: Final = 3_000_000_000
+#: Speed at which a loitering boat drives back, per m beyond its radius.
+LOITER_PER_S: Final = 0.5
 
 
 class ArduRover(ArduPilot):
@@ -71,12 +74,21 @@ class ArduRover(ArduPilot):
     initialising_mode: ClassVar = INITIALISING
     needs_position: ClassVar = frozenset(NAMES) - _STICKS - {HOLD}
 
+    def start(self) -> None:
+        if self.options.model == "boat" and "FRAME_CLASS" not in self.options.parameters:
+            self.parameters.set("FRAME_CLASS", BOAT)
+        super().start()
+
+    @property
+    def _boat(self) -> bool:
+        return self.parameters["FRAME_CLASS"] == BOAT
+
     @property
     def mav_type(self) -> int:
-        boat = self.parameters["FRAME_CLASS"] == BOAT
-        return int(mavlink.MAV_TYPE_SURFACE_BOAT if boat else mavlink.MAV_TYPE_GROUND_ROVER)
+        return int(mavlink.MAV_TYPE_SURFACE_BOAT if self._boat else mavlink.MAV_TYPE_GROUND_ROVER)
 
     def forget(self) -> None:
+        self._stays_ned_m: Triple | None = None
         self._target_heading_rad: float | None = None
         self._target_rate_rad_s = 0.0
         self._target_speed_m_s = 0.0
@@ -142,17 +154,31 @@ class ArduRover(ArduPilot):
         self._target_ns = self.now_ns
 
     def demand(self, state: BodyState) -> Control:
-        if self.custom_mode != GUIDED or self._target_ns is None:
+        if self.custom_mode == GUIDED and self._target_ns is not None:
+            self._stays_ned_m = None
+            if self._target_heading_rad is None:
+                return Drive(self._target_rate_rad_s, self._target_speed_m_s)
+            return Drive(self._turn(state, self._target_heading_rad), self._target_speed_m_s)
+        # A boat that stops drifts: it loiters.
+        loiters = self._boat and self.custom_mode in (GUIDED, LOITER)
+        return self._loiter(state) if loiters else STAND
+
+    def _turn(self, state: BodyState, heading_rad: float) -> float:
+        error = math.remainder(heading_rad - euler_from_attitude(state.attitude_wxyz)[2], 2.0 * math.pi)
+        rate = self.parameters["ATC_STR_ANG_P"] * error
+        limit = math.radians(self.parameters["ATC_STR_RAT_MAX"])
+        return max(-limit, min(limit, rate)) if limit > 0.0 else rate
+
+    def _loiter(self, state: BodyState) -> Drive:
+        """Drift within LOIT_RADIUS of where it came to, and drive back from beyond."""
+        if self._stays_ned_m is None:
+            self._stays_ned_m = state.position_ned_m
+        north, east, _ = (to - at for to, at in zip(self._stays_ned_m, state.position_ned_m, strict=True))
+        beyond_m = math.hypot(north, east) - self.parameters["LOIT_RADIUS"]
+        if beyond_m <= 0.0:
             return STAND
-        rate = self._target_rate_rad_s
-        if self._target_heading_rad is not None:
-            error = self._target_heading_rad - euler_from_attitude(state.attitude_wxyz)[2]
-            error = math.remainder(error, 2.0 * math.pi)
-            rate = self.parameters["ATC_STR_ANG_P"] * error
-            limit = math.radians(self.parameters["ATC_STR_RAT_MAX"])
-            if limit > 0.0:
-                rate = max(-limit, min(limit, rate))
-        return Drive(rate, self._target_speed_m_s)
+        speed = min(self.parameters["WP_SPEED"], LOITER_PER_S * beyond_m)
+        return Drive(self._turn(state, math.atan2(east, north)), speed)
 
     # --- loop, modes ------------------------------------------------------------------------------------
 

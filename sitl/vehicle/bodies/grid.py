@@ -33,8 +33,8 @@ class GridBody(ABC, Generic[S]):
 
     def tell(self, control: Control, at_ns: int) -> None:
         self._live(at_ns)
-        # a model remembers few commands: those that say something new
-        if control != self._control:
+        # a model remembers few commands: those that say something new (tuples of two kinds may be equal)
+        if control != self._control or type(control) is not type(self._control):
             self._control = control
             self._state = self._told(self._state, control, (at_ns - self._grid_ns) * 1e-9)
 

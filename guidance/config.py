@@ -15,13 +15,14 @@ from typing import Annotated, Final, Literal
 import msgspec
 from msgspec import Meta
 
+from guidance.airplane_config import AirplaneConfig
 from guidance.checking import ConfigError as ConfigError  # raised here, so found here
 from guidance.checking import Places, Problem, named, one_of, override, problems, shown
 from guidance.connection import parse_connection as parse_connection
 from guidance.feasibility import infeasible
 from guidance.guard_limits import GuardsConfig, guard_conflicts
 from guidance.handling_config import GroundConfig
-from guidance.mavlink.profiles import PROFILES, Profile
+from guidance.mavlink.profiles import PROFILES, Handling, Profile
 from guidance.trajectory import Trajectory
 from guidance.tuning import LEAST_RATE_RAD_S, NonNegative, Positive, Speed, cannot_allocate, conflicts
 from guidance.tuning import LawConfig as LawConfig
@@ -131,6 +132,7 @@ class Config(_Section, frozen=True, kw_only=True):
     flight: Flight
     trajectory: Trajectory
     ground: GroundConfig = GroundConfig()
+    airplane: AirplaneConfig = AirplaneConfig()
     guards: GuardsConfig = GuardsConfig()
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
@@ -201,7 +203,8 @@ def checked(config: Config) -> Config:
 
 def profile_of(config: Config) -> Profile:
     """The row that a checked configuration names."""
-    return PROFILES[config.vehicle.profile]
+    profile = PROFILES[config.vehicle.profile]
+    return profile.by_rates() if config.airplane.output == "rates" else profile
 
 
 def to_json(config: Config) -> str:
@@ -243,6 +246,11 @@ def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
                 f" = {shown(name)}: not a mode that {profile.name} can be left in; must be "
                 f"{one_of(exits, name)}",
             )
+    airplane = config.airplane
+    if profile.handling is not Handling.AIRPLANE and airplane != AirplaneConfig():
+        yield Problem("airplane", f": {profile.name} is no airplane; leave the section out")
+    elif airplane.output == "rates" and not profile.takes_rates:
+        yield Problem("airplane.output", f' = "rates": {profile.name} takes none; must be "attitude"')
     allocation = config.law.allocation
     if profile.planar and allocation != "pitch-yaw":
         yield Problem(

@@ -128,6 +128,10 @@ class Guide:
         text = msgspec.json.encode(clock).decode()
         self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.SIGNING_CLOCK, text=text))
 
+    def recall(self, learned: str, now_ns: int) -> None:
+        """What an earlier process `learned` of the vehicle; before a flight."""
+        self.handle(Input(t_ns=now_ns, seq=self._input_seq, kind=InputKind.LEARNED, text=learned))
+
     def handle(self, event: Input) -> None:
         """The one way in; the others build its events."""
         self._told.catch_up()
@@ -152,6 +156,14 @@ class Guide:
             case InputKind.SIGNING_CLOCK:
                 if self.link.signing is not None:
                     self.link.signing.set(msgspec.json.decode(event.text, type=SigningClock), now_ns)
+            case InputKind.LEARNED:
+                why = self.tracker.handler.recall(event.text)
+                level, text = (
+                    (Level.INFO, f"starts with what was learned before: {event.text}")
+                    if why is None
+                    else (Level.WARNING, f"what was learned before is not used: {why}")
+                )
+                self._told.event(level, "learned", text, now_ns)
             case InputKind.LINK_UP | InputKind.LINK_DOWN | InputKind.NOTE:
                 level = Level.INFO if event.kind is InputKind.LINK_UP else Level.WARNING
                 self._told.event(level, event.kind, event.text, now_ns)
@@ -182,6 +194,11 @@ class Guide:
     def setpoints_sent(self) -> int:
         """How many, since the start."""
         return self.steering.setpoints_sent
+
+    @property
+    def learned(self) -> str | None:
+        """What flights have taught of the vehicle, for the next process; None during one."""
+        return self.tracker.handler.learned if self.tracker.start_ns is None else None
 
     @property
     def finished(self) -> bool:

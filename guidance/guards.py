@@ -22,13 +22,16 @@ from guidance.estimate import ATTITUDES, POSITIONS, Estimate, Reset
 from guidance.geofence import Fence
 from guidance.guard_limits import GuardsConfig, leaves_after_s
 from guidance.mavlink.link import AutopilotLink
-from guidance.se3 import Vec3, dot, norm, rotate, scale
+from guidance.mavlink.profiles import Asked
+from guidance.se3 import Quaternion, Vec3, dot, norm, roll_of, rotate, scale
 from guidance.tracker import Solution, is_usable
 
 #: Commands below this part of the limits may well have no visible effect.
 _COMMANDED: Final = 0.25
 #: And an effect is at least this part of the command.
 _EFFECT: Final = 0.1
+#: And so does a bank that is asked for below this.
+_BANKED_RAD: Final = math.radians(10.0)
 #: A limit on the speed is not exceeded by one noisy sample.
 _SPEED_S: Final = 0.5
 #: SYS_STATUS may show a dip under load.
@@ -208,6 +211,11 @@ def _effect(look: Look) -> str | None:
     if isinstance(look.state, str) or look.solution is None:
         return None
     limits, out, twist = look.config.limits, look.solution.outgoing, look.state.twist
+    if profile_of(look.config).asked is Asked.ATTITUDE_THROTTLE:
+        asked, banked = roll_of(Quaternion(*out.attitude_wxyz)), roll_of(look.state.pose.attitude)
+        if abs(asked) <= _BANKED_RAD or banked * asked >= _EFFECT * asked * asked:
+            return None
+        return f"banks by {math.degrees(banked):.0f} of {math.degrees(asked):.0f} deg: no effect"
     speed_m_s = out.speed_m_s
     if abs(speed_m_s) > _COMMANDED * limits.speed_max_m_s and (
         twist.linear.x * speed_m_s < _EFFECT * speed_m_s * speed_m_s
@@ -249,7 +257,7 @@ GUARDS: Final = (
           _delay),
     Guard("error", "the distance from the reference", ("error_max_m", "error_s"), "error_s", False, _error),
     Guard("speed", "the vehicle's speed", ("speed_max_m_s",), _SPEED_S, True, _speed),
-    Guard("effect", "speed and rates: less than a tenth of what is asked for", ("effect_s",), "effect_s",
+    Guard("effect", "speed, rates or bank: less than a tenth of what is asked for", ("effect_s",), "effect_s",
           False, _effect),
     Guard("late", "the control loop: how late setpoints are", ("late_max_s", "late_s"), "late_s", False,
           _late),

@@ -35,14 +35,16 @@ class InputKind(StrEnum):
     LINK_DOWN = "link_down"
     NOTE = "note"
     SIGNING_CLOCK = "signing_clock"
+    LEARNED = "learned"
 
 
 class Input(Record, frozen=True, kw_only=True, gc=False):
     """One event that entered the core, in order; `seq` counts them without gaps, so that a loss shows.
 
     The `text` of a command is JSON (`guidance.commands.Order`), and so is that of the signing clock
-    (`guidance.mavlink.signing.SigningClock`). That of a datagram numbers those of its frames whose signature
-    was not made with our key, so that a replay needs no key.
+    (`guidance.mavlink.signing.SigningClock`) and of what was learned before (`Handler.learned`). That of a
+    datagram numbers those of its frames whose signature was not made with our key, so that a replay needs no
+    key.
     """
 
     seq: int
@@ -156,6 +158,41 @@ class GroundHandling(Record, frozen=True, kw_only=True, gc=False):
     crawling: bool
     slowed: bool
     stuck: bool
+
+
+class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
+    """What an airplane was asked for and why (`guidance.handling.airplane`).
+
+    The course over ground is `course_off_rad` off the wanted one (that is to the right where positive; beyond
+    pi by the side that is turned to). Load factor, climb and airspeed are those of the demand;
+    `airspeed_m_s` is what was measured, or |v - w|; the wind is that which is flown with. Effectiveness of
+    the bank and the trims of pitch and throttle are learned. The trajectory's clock runs at `clock_rate` and
+    is `waited_s` behind the flight's. `turning_aside`: it flies nearly opposite, and the side is kept;
+    `climb_limited`: the climb is not what the field wants, `floored`: for the floor, `stall_guard`: for the
+    airspeed, or the throttle is full for it.
+    """
+
+    course_rad: float
+    course_off_rad: float
+    bank_asked_rad: float
+    pitch_asked_rad: float
+    load: float
+    climb_asked_m_s: float
+    airspeed_m_s: float
+    airspeed_asked_m_s: float
+    wind_ned_m_s: Triple
+    effectiveness: float
+    pitch_trim_rad: float
+    throttle_trim: float
+    clock_rate: float
+    waited_s: float
+    turning_aside: bool
+    bank_saturated: bool
+    pitch_saturated: bool
+    throttle_saturated: bool
+    climb_limited: bool
+    floored: bool
+    stall_guard: bool
 
 
 class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -291,6 +328,7 @@ TOPICS: Final[dict[type[Record], str]] = {
     Setpoint: "setpoint",
     TrackingError: "error",
     GroundHandling: "ground",
+    AirplaneHandling: "airplane",
     Status: "status",
     Link: "link",
     Timing: "timing",

@@ -18,6 +18,7 @@ from typing import Final
 from guidance import __version__
 from guidance.commands import Engage, Shutdown
 from guidance.config import Config, to_json
+from guidance.kept_file import open_learned
 from guidance.notify import Notifier
 from guidance.records import SCHEMA_VERSION, Session
 from guidance.shell import Shell
@@ -28,7 +29,7 @@ from guidance.telemetry.sinks import Sinks, configured_sinks
 SWITCH_INTERVAL_S: Final = 0.0005
 #: All sinks together have this long to write what waits when the service stops.
 CLOSE_S: Final = 0.35
-#: The signing clock has as long to be kept.
+#: The signing clock has as long to be kept, and what was learned.
 KEEP_S: Final = 0.15
 #: The process ends so long after it was told to, whatever hangs (a disk, a router, a pipe nobody reads).
 LEAVE_AT_THE_LATEST_S: Final = 1.8
@@ -57,10 +58,11 @@ def sinks_of(config: Config, session: Session) -> Sinks:
 async def _serve(
     config: Config, keeper: ClockKeeper | None, gather: Callable[[Config, Session], Sinks]
 ) -> int:
+    learned = open_learned(config)
     session = new_session(config)
     sinks = gather(config, session)
     notifier = Notifier(os.environ, os.getpid())
-    shell = Shell(config, sinks, session, notifier, keeper)
+    shell = Shell(config, sinks, session, notifier, keeper, learned)
     loop = asyncio.get_running_loop()
 
     def stop(number: signal.Signals) -> None:
@@ -85,6 +87,8 @@ async def _serve(
         _say(f"guidance: internal error, no setpoint follows; please report it\n{traceback.format_exc()}")
     if keeper is not None:
         keeper.close(KEEP_S)
+    if learned is not None:
+        learned.close(shell.learned, KEEP_S)
     left = sinks.close(CLOSE_S)
     if left:
         # Threads that hang in a disk or in zenoh would hold up the interpreter's own end by seconds.

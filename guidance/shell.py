@@ -16,6 +16,7 @@ from typing import Any, Final
 from guidance.commands import Order, verb_of
 from guidance.config import Config, parse_connection
 from guidance.core import Guide
+from guidance.kept_file import LearnedFile
 from guidance.mavlink.signing import Refusal
 from guidance.notify import Notifier
 from guidance.records import InputKind, Session
@@ -41,9 +42,11 @@ class Shell:
         session: Session,
         notifier: Notifier | None = None,
         keeper: ClockKeeper | None = None,
+        learned: LearnedFile | None = None,
     ) -> None:
         self._guide = Guide(config, None if keeper is None else keeper.signing)
         self._keeper = keeper
+        self._learned = learned
         self._connection = parse_connection(config.link.connection)
         self._peer_silent_s = config.link.heartbeat_timeout_s
         self._sinks = sinks
@@ -62,11 +65,20 @@ class Shell:
         self._sinks.publish([session])
         if keeper is not None:
             self._guide.signing_clock(keeper.begin(time.time_ns()), time.monotonic_ns())
+        if learned is not None:
+            if (before := learned.begin()) is not None:
+                self._guide.recall(before, time.monotonic_ns())
+            learned.began(self._guide.learned or "")
 
     @property
     def finished(self) -> bool:
         """Whether a shutdown is complete: the vehicle is left, nothing more is sent."""
         return self._guide.finished
+
+    @property
+    def learned(self) -> str:
+        """What flights have taught of the vehicle, for the next process."""
+        return self._guide.tracker.handler.learned
 
     @property
     def address(self) -> Address | None:
@@ -274,6 +286,8 @@ class Shell:
             self._look_at_transport()
             if self._keeper is not None:
                 self._look_at_signing(self._keeper)
+            if self._learned is not None:
+                self._look_at_learned(self._learned)
 
     def look_at_sinks(self) -> None:
         """Note what has come to be wrong with a sink since the last look, and what is well again."""
@@ -289,6 +303,13 @@ class Shell:
         if keeper.problem:
             self._tell(f"signing: {keeper.problem}")
         keeper.keep()
+
+    def _look_at_learned(self, file: LearnedFile) -> None:
+        """Keep what a flight has taught when it is over."""
+        if (learned := self._guide.learned) is not None:
+            file.keep(learned)
+        if file.problem:
+            self._tell(f"airplane.trims_file: {file.problem}")
 
     def _look_at_transport(self) -> None:
         """Note packets that could not be sent."""

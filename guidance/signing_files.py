@@ -1,16 +1,13 @@
 """The two files of a signed link: the key, which only we may read, and the clock, which outlives the process.
 
-The clock is written by a thread of its own, once a second and whole or not at all, so that a disk that hangs
-holds up nothing. What a kill -9 loses of it is a second.
+The clock is written once a second (`kept_file`): what a kill -9 loses of it is a second.
 """
 
 from __future__ import annotations
 
 import os
 import stat
-import threading
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +15,7 @@ import msgspec
 
 from guidance.checking import shown
 from guidance.config import Config, ConfigError
+from guidance.kept_file import KeptFile, said
 from guidance.mavlink.signing import KEY_BYTES, TICK_NS, TIMESTAMP_MAX, Signing, SigningClock, wall_timestamp
 
 #: Where the wall clock does not say more, this much is added to the kept timestamp: what may not have been
@@ -101,22 +99,28 @@ class ClockKeeper:
 
     def __init__(self, signing: Signing, path: Path) -> None:
         self.signing = signing
-        self.problem = ""
-        self._path = path
-        self._kept: SigningClock | None = None
-        self._writer: threading.Thread | None = None
+        self._file = KeptFile(path)
+        self._unread = ""
+
+    @property
+    def problem(self) -> str:
+        """As the class says."""
+        if self._file.problem:
+            return f"{self._file.problem}; older packets may be believed after a restart"
+        return "" if self._file.kept is not None else self._unread
 
     def begin(self, unix_ns: int) -> SigningClock:
         """The clock to start with, by the wall clock and the file; later than all that was ever signed."""
         wall = wall_timestamp(unix_ns)
         try:
-            kept = msgspec.json.decode(self._path.read_bytes(), type=SigningClock)
+            content = self._file.read()
+            if content is None:
+                return SigningClock(wall)
+            kept = msgspec.json.decode(content, type=SigningClock)
             if not all(0 <= t <= TIMESTAMP_MAX for t in (kept.timestamp, *(s[3] for s in kept.streams))):
                 raise ValueError("a timestamp is out of range")
-        except FileNotFoundError:
-            return SigningClock(wall)
         except (OSError, ValueError) as error:
-            self.problem = f"{self._path} cannot be used: {_said(error)}; older packets may be believed"
+            self._unread = f"{self._file.path} cannot be used: {said(error)}; older packets may be believed"
             return SigningClock(wall)
         if kept.timestamp < wall:
             return SigningClock(wall, kept.streams)
@@ -129,39 +133,11 @@ class ClockKeeper:
 
     def keep(self) -> None:
         """Have the clock written, unless the last time is not over yet; returns at once."""
-        clock = self.signing.clock
-        if clock != self._kept and (self._writer is None or not self._writer.is_alive()):
-            self._writer = threading.Thread(target=self._write, args=(clock,), daemon=True)
-            self._writer.start()
+        self._file.keep(msgspec.json.encode(self.signing.clock))
 
     def close(self, timeout_s: float) -> None:
         """Keep the last of it, if that is possible within so long."""
-        if self._writer is not None:
-            self._writer.join(timeout_s)
-        self.keep()
-        if self._writer is not None:
-            self._writer.join(timeout_s)
-
-    def _write(self, clock: SigningClock) -> None:
-        fresh = self._path.with_name(f".{self._path.name}.{os.getpid()}")
-        try:
-            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with open(fresh, "wb") as file:
-                file.write(msgspec.json.encode(clock))
-                file.flush()
-                os.fsync(file.fileno())
-            fresh.replace(self._path)
-        except OSError as error:
-            with suppress(OSError):
-                fresh.unlink(missing_ok=True)
-            why = f"{self._path} cannot be written: {_said(error)}"
-            self.problem = f"{why}; older packets may be believed after a restart"
-        else:
-            self._kept, self.problem = clock, ""
-
-
-def _said(error: Exception) -> str:
-    return error.strerror or str(error) if isinstance(error, OSError) else str(error)
+        self._file.close(msgspec.json.encode(self.signing.clock), timeout_s)
 
 
 def open_signing(config: Config, environ: Mapping[str, str] = os.environ) -> ClockKeeper | None:

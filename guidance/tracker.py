@@ -226,8 +226,11 @@ class Tracker:
         self._seen = estimate
         if self._turn is not NO_TURN:
             self._turn = turn_step(self._turn, dt_s)
-            turned = multiply(quaternion_exp(self._turn.angle_rad), estimate.pose.attitude)
-            estimate = estimate._replace(pose=Pose(estimate.pose.position, turned))
+            turn = quaternion_exp(self._turn.angle_rad)
+            pose, seen = (
+                Pose(pose.position, multiply(turn, pose.attitude)) for pose in (estimate.pose, estimate.seen)
+            )
+            estimate = estimate._replace(pose=pose, seen=seen)
         if self._profile.planar:
             _, reference = planar(estimate.pose, reference)
         if self._offset is not NO_OFFSET:

@@ -26,6 +26,7 @@ def estimate(attitude_age_s: float = 0.01, position_age_s: float = 0.01, positio
         position=PositionSample(0, 0, position, ZERO, "LOCAL_POSITION_NED"),
         attitude_age_s=attitude_age_s,
         position_age_s=position_age_s,
+        seen=Pose(position, IDENTITY),
     )
 
 

@@ -77,7 +77,8 @@ class Estimate(NamedTuple):
     """The state at `instant_ns` and the ages (s, at that instant) of what it was made from.
 
     `resets` counts those of the autopilot's estimator. `offset_m` is how far the position still is from what
-    its source says, since a switch of sources.
+    its source says, since a switch of sources. `seen` is the pose that `pose` was predicted from,
+    `position_age_s` before, at which `position` gives the velocity: for those who predict otherwise.
     """
 
     instant_ns: int
@@ -87,6 +88,7 @@ class Estimate(NamedTuple):
     position: PositionSample
     attitude_age_s: float
     position_age_s: float
+    seen: Pose
     resets: int = 0
     offset_m: float = 0.0
 
@@ -295,7 +297,8 @@ class Estimator:
         at_position = multiply(q, quaternion_exp(scale(back_s, rates)))
         twist = Twist(rates, rotate_inverse(at_position, position.velocity_ned_m_s))
         ahead_s = (instant_ns - position.instant_ns) * 1e-9
-        pose, twist = predict(history, Pose(x, at_position), twist, position.instant_ns, instant_ns)
+        seen = Pose(x, at_position)
+        pose, twist = predict(history, seen, twist, position.instant_ns, instant_ns)
         return Estimate(
             instant_ns=instant_ns,
             pose=pose,
@@ -304,6 +307,7 @@ class Estimator:
             position=position,
             attitude_age_s=(instant_ns - attitude.instant_ns) * 1e-9,
             position_age_s=ahead_s,
+            seen=seen,
             resets=self.resets,
             offset_m=offset_m,
         )

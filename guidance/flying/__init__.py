@@ -43,6 +43,13 @@ class Handler(Protocol):
     def waited_s(self) -> float:
         """How far the trajectory's clock is behind the flight's."""
 
+    @property
+    def learned(self) -> str:
+        """What flights have taught of the vehicle, as JSON for the next process; empty if nothing can."""
+
+    def recall(self, learned: str) -> str | None:
+        """Start with what an earlier process `learned`; or why that cannot be."""
+
     def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> None:
         """Gains and limits are these from the next step on; the trajectory's origin is here."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from guidance.config import Config
 from guidance.flying import Handler
+from guidance.flying.airplane import Airplane
 from guidance.flying.ground import Ground
 from guidance.flying.rates import Rates
 from guidance.mavlink.profiles import Handling, Profile
@@ -16,5 +17,7 @@ def handler_of(config: Config, profile: Profile) -> Handler:
             return Ground(config)
         case Handling.RATES | Handling.GROUND:
             return Rates(config, planar=profile.planar)
-        case Handling.AIRPLANE | Handling.VELOCITY:
+        case Handling.AIRPLANE:
+            return Airplane(config)
+        case Handling.VELOCITY:
             raise NotImplementedError(profile.handling)

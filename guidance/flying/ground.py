@@ -24,6 +24,8 @@ _NEUTRAL: Final = Demand()
 class Ground:
     """The autopilot's parameters are those of the last `fit`."""
 
+    learned = ""
+
     def __init__(self, config: Config) -> None:
         self._values: Mapping[str, float] = {}
         self._memory: Memory = UNSTARTED
@@ -45,6 +47,10 @@ class Ground:
         self._values = dict(values)
         self._parameters = ground_parameters(self._config, self._origin_ned_m, self._values)
         return None
+
+    def recall(self, learned: str) -> str | None:
+        """Nothing is learned."""
+        return "this vehicle learns nothing"
 
     def heard(self, body: Body) -> None:
         """Nothing."""

@@ -20,6 +20,7 @@ class Rates:
     """For underwater vehicles; `planar` for a vehicle that drives without any handling of its own."""
 
     waited_s = 0.0
+    learned = ""
 
     def __init__(self, config: Config, *, planar: bool) -> None:
         self._planar = planar
@@ -35,6 +36,10 @@ class Rates:
     def fit(self, values: Mapping[str, float]) -> str | None:
         """Nothing is taken from them."""
         return None
+
+    def recall(self, learned: str) -> str | None:
+        """Nothing is learned."""
+        return "this vehicle learns nothing"
 
     def heard(self, body: Body) -> None:
         """Nothing."""

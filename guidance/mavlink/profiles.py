@@ -43,6 +43,7 @@ class Asked(StrEnum):
     RATES_SPEED = "body rates and thrust for a speed"
     YAW_RATE_SPEED = "yaw rate and thrust for a speed"
     ATTITUDE_THROTTLE = "roll, pitch and throttle"
+    RATES_THROTTLE = "body rates and throttle"
     VELOCITY_YAW_RATE = "velocity and yaw rate"
 
 
@@ -55,7 +56,8 @@ class Profile(NamedTuple):
     `stream_timeout_s` without a setpoint the autopilot acts by itself (`on_timeout`). `holding` is the mode
     that "hold" stands for. `odometry` says that ODOMETRY can be asked for. `project` is how it makes a local
     position of latitude and longitude. `requirements` are what its parameters must be; integers among these
-    come `parameters_bytewise`, or by value. `estimator` names what tells its health.
+    come `parameters_bytewise`, or by value. `estimator` names what tells its health. `takes_rates` says that
+    body rates and throttle will do instead of what is `asked` (`by_rates`).
     """
 
     name: str
@@ -80,6 +82,11 @@ class Profile(NamedTuple):
     requirements: tuple[Requirement, ...]
     parameters_bytewise: bool
     estimator: str
+    takes_rates: bool = False
+
+    def by_rates(self) -> Profile:
+        """The same row, asked by body rates and throttle."""
+        return self._replace(asked=Asked.RATES_THROTTLE, type_mask=_IGNORE_ATTITUDE)
 
     def mode(self, name: str) -> Mode | None:
         """The mode of that name, None if this firmware has none; "hold" is the one that holds."""
@@ -119,6 +126,7 @@ def _px4(
     thrust: tuple[float, float] = (-1.0, 1.0),
     *,
     planar: bool = False,
+    takes_rates: bool = False,
 ) -> Profile:
     """A row of PX4: the firmware's manners are those of every vehicle."""
     return Profile(
@@ -144,6 +152,7 @@ def _px4(
         requirements=PX4_OFFBOARD,
         parameters_bytewise=True,
         estimator="ESTIMATOR_STATUS",
+        takes_rates=takes_rates,
     )
 
 
@@ -205,6 +214,7 @@ PROFILES: Final[dict[str, Profile]] = {
             Asked.ATTITUDE_THROTTLE,
             _IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE | _IGNORE_YAW_RATE,
             (0.0, 1.0),
+            takes_rates=True,
         ),
         _px4("px4-copter", _COPTERS, Handling.VELOCITY, Asked.VELOCITY_YAW_RATE, _VELOCITY_AND_YAW_RATE),
         _px4(

@@ -89,6 +89,8 @@ def outgoing(profile: Profile, demand: Demand, speed_at_full_thrust_m_s: float) 
                 rates = (0.0, 0.0, rates[2])
             thrust = _clamp(demand.speed_m_s / speed_at_full_thrust_m_s, low, high)
             return Outgoing(rates, thrust, thrust * speed_at_full_thrust_m_s)
+        case Asked.RATES_THROTTLE:
+            return Outgoing((_rate(p), _rate(q), _rate(r)), _clamp(demand.throttle, low, high))
         case Asked.ATTITUDE_THROTTLE:
             w, x, y, z = demand.attitude
             length = sqrt(w * w + x * x + y * y + z * z)

@@ -1,0 +1,238 @@
+"""Airplanes: `handling.airplane` with what the configuration, the autopilot and earlier flights say.
+
+The handling predicts by itself (`airplane_prediction`), by the banks that are under way and in the wind. So
+it is given the pose and the velocity of the newest position, before the estimator's prediction, and how much
+later the demand acts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import cos, isfinite, radians, sin, sqrt
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta
+
+from guidance.config import Config
+from guidance.estimate import Estimate
+from guidance.flying import Flown
+from guidance.flying.airplane_fit import Fitted, fitted
+from guidance.handling import airplane, airplane_throttle
+from guidance.handling.airplane import UNTRIMMED, Measured, Parameters, Trims, airplane_step
+from guidance.handling.airplane_rates import body_rates, turn_rate_rad_s
+from guidance.law import Controls, Evaluation
+from guidance.limits import clamp
+from guidance.mavlink.messages import Body, VfrHud, Wind, WindCov
+from guidance.mavlink.setpoints import Demand
+from guidance.records import AirplaneHandling
+from guidance.se3 import ZERO, Quaternion, Reference, Vec3, dot, from_euler, norm, pitch_of, roll_of, yaw_of
+
+#: An airspeed, or a wind, that is older is not used; the estimate of the wind then stays.
+AIRSPEED_S: Final = 2.0
+WIND_S: Final = 10.0
+#: No airplane flies so fast (m/s), and nobody flies in such a wind.
+ABSURD_AIRSPEED_M_S: Final = 1000.0
+ABSURD_WIND_M_S: Final = 100.0
+
+
+class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one process leaves for the next, as JSON; the ranges are those that are learned in."""
+
+    effectiveness: Annotated[float, Meta(ge=0.6, le=1.3)]
+    pitch_rad: Annotated[float, Meta(ge=-0.15, le=0.15)]
+    throttle: Annotated[float, Meta(ge=-0.3, le=0.3)]
+
+
+class Airplane:
+    """Before `fit`, and without the airspeeds in the configuration, it cannot fly: it levels the wings."""
+
+    def __init__(self, config: Config) -> None:
+        self._values: Mapping[str, float] = {}
+        self._memory = airplane.unstarted(UNTRIMMED)
+        self._fitted: Fitted | None = None
+        self._period_s = 1.0 / config.link.rate_hz
+        self._airspeed_m_s, self._airspeed_age_s = 0.0, 0.0
+        self._wind_ned_m_s, self._wind_age_s = ZERO, WIND_S
+        self.configure(config, ZERO, config.law.allocation)
+
+    @property
+    def waited_s(self) -> float:
+        """As `Handler` says."""
+        return self._memory.waiting.waited_s
+
+    @property
+    def trims(self) -> Trims:
+        """What has been learned so far, in this flight and those before."""
+        return airplane.trims_of(self._memory)
+
+    @property
+    def learned(self) -> str:
+        """As `Handler` says."""
+        return msgspec.json.encode(Kept(*self.trims)).decode()
+
+    def recall(self, learned: str) -> str | None:
+        """As `Handler` says."""
+        try:
+            kept = msgspec.json.decode(learned, type=Kept)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+            return str(error)
+        self._memory = airplane.unstarted(Trims(kept.effectiveness, kept.pitch_rad, kept.throttle))
+        return None
+
+    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> None:
+        """As `Handler` says; what cannot be flown changes nothing."""
+        self._config = config
+        self._adopt()
+
+    def fit(self, values: Mapping[str, float]) -> str | None:
+        """As `Handler` says."""
+        self._values = dict(values)
+        return self._adopt()
+
+    def _adopt(self) -> str | None:
+        found = fitted(self._config, self._values)
+        if isinstance(found, str):
+            return found
+        self._fitted = found
+        return None
+
+    def heard(self, body: Body) -> None:
+        """Airspeed and wind."""
+        match body:
+            case VfrHud(airspeed=airspeed) if 0.0 <= airspeed < ABSURD_AIRSPEED_M_S:
+                self._airspeed_m_s, self._airspeed_age_s = airspeed, 0.0
+            case Wind(direction=from_deg, speed=speed) if isfinite(from_deg):
+                self._blows(Vec3(-speed * cos(radians(from_deg)), -speed * sin(radians(from_deg)), 0.0))
+            case WindCov(wind_x=north, wind_y=east):
+                self._blows(Vec3(north, east, 0.0))
+
+    def _blows(self, wind_ned_m_s: Vec3) -> None:
+        if norm(wind_ned_m_s) < ABSURD_WIND_M_S:
+            self._wind_ned_m_s, self._wind_age_s = wind_ned_m_s, 0.0
+
+    def start(self) -> None:
+        """As `Handler` says; what was learned is kept."""
+        self._memory = airplane.unstarted(self.trims)
+
+    def shifted(self, jump_ned_m: Vec3) -> None:
+        """Nothing is remembered of places."""
+
+    def step(self, estimate: Estimate, reference: Reference, dt_s: float) -> Flown:
+        """The first step is taken to be as long as the others."""
+        assert self._fitted is not None, "an airplane that does not fit is not engaged"
+        p = self._fitted.parameters
+        dt_s = dt_s or self._period_s
+        self._airspeed_age_s += dt_s
+        self._wind_age_s += dt_s
+        measured = Measured(
+            estimate.seen,
+            estimate.position.velocity_ned_m_s,
+            self._airspeed_m_s if self._airspeed_age_s < AIRSPEED_S else 0.0,
+            self._wind_age_s < WIND_S,
+            self._wind_ned_m_s,
+            max(estimate.position_age_s, 0.0),
+        )
+        self._memory, demand, found = airplane_step(p, self._memory, measured, reference, dt_s)
+        turning = self._rates(p, estimate.pose.attitude, demand, found)
+        rates = estimate.attitude.body_rates_frd_rad_s
+        if self._config.airplane.output == "rates":
+            rates = turning
+        asked = Demand(turning, attitude=demand.attitude, throttle=demand.throttle)
+        evaluation = _evaluation(p, found, turning, estimate.position.velocity_ned_m_s)
+        return Flown(asked, found.reference, evaluation, rates, self._record(estimate, demand, found))
+
+    def neutral(self, estimate: Estimate) -> Demand:
+        """Level wings at the measured heading, pitch and throttle of level flight at the cruise airspeed."""
+        heading = yaw_of(estimate.pose.attitude)
+        if self._fitted is None:
+            return Demand(attitude=from_euler(0.0, 0.0, heading))
+        p, V = self._fitted
+        pitch, throttle = p.pitch, p.throttle
+        alpha = pitch.alpha_zero_rad + pitch.alpha_per_load_rad_m2_s2 / (V * V)
+        level = clamp(alpha + self.trims.pitch_rad, pitch.lowest_rad, pitch.highest_rad)
+        drag = airplane_throttle.drag_m_s2(throttle, V, 1.0) / throttle.thrust_m_s2
+        power = clamp(drag + self.trims.throttle, throttle.lowest, throttle.highest)
+        return Demand(attitude=from_euler(0.0, level, heading), throttle=power)
+
+    def _rates(
+        self, p: Parameters, attitude: Quaternion, demand: airplane.Demand, found: airplane.Evaluation
+    ) -> Vec3:
+        """Body rates to the attitude that is asked for, within the limits."""
+        limits, gain = self._config.limits, self._config.airplane.attitude_gain_per_s
+        roll, pitch = roll_of(attitude), pitch_of(attitude)
+        most = limits.pitch_rate_max_rad_s
+        wanted = body_rates(
+            roll,
+            pitch,
+            clamp(gain * (demand.roll_rad - roll), -p.roll_rate_rad_s, p.roll_rate_rad_s),
+            clamp(gain * (demand.pitch_rad - pitch), -most, most),
+            turn_rate_rad_s(roll, found.airspeed_m_s, found.trims.effectiveness),
+        )
+        bounds = (limits.roll_rate_max_rad_s, most, limits.yaw_rate_max_rad_s)
+        return Vec3(*(clamp(rate, -bound, bound) for rate, bound in zip(wanted, bounds, strict=True)))
+
+    def _record(
+        self, estimate: Estimate, demand: airplane.Demand, found: airplane.Evaluation
+    ) -> AirplaneHandling:
+        return AirplaneHandling(
+            t_ns=estimate.instant_ns,
+            course_rad=found.course_rad,
+            course_off_rad=found.course_off_rad,
+            bank_asked_rad=demand.roll_rad,
+            pitch_asked_rad=demand.pitch_rad,
+            load=found.load,
+            climb_asked_m_s=found.climb_m_s,
+            airspeed_m_s=found.airspeed_m_s,
+            airspeed_asked_m_s=found.asked_m_s,
+            wind_ned_m_s=found.wind_ned_m_s,
+            effectiveness=found.trims.effectiveness,
+            pitch_trim_rad=found.trims.pitch_rad,
+            throttle_trim=found.trims.throttle,
+            clock_rate=found.clock_rate,
+            waited_s=self.waited_s,
+            turning_aside=found.turn_aside != 0,
+            bank_saturated=found.bank_saturated,
+            pitch_saturated=found.pitch_saturated,
+            throttle_saturated=found.throttle_saturated,
+            climb_limited=found.climb_limited,
+            floored=found.floored,
+            stall_guard=found.stall_guard,
+        )
+
+
+def _evaluation(p: Parameters, found: airplane.Evaluation, turning: Vec3, velocity: Vec3) -> Evaluation:
+    """What the law's evaluation is of a body that points where the airplane flies.
+
+    y4, y5, y6 are the field along the velocity over ground, to its right and below; V1 is phi of the bounded
+    field, its parts in the plane and in the vertical with their own k. The controls are the body rates and
+    the airspeed that are asked for, all within their limits.
+    """
+    e, wanted = found.e, found.wanted
+    level = sqrt(velocity.x * velocity.x + velocity.y * velocity.y)
+    speed = max(sqrt(level * level + velocity.z * velocity.z), airplane.MOVING_M_S)
+    c, s = level / speed, -velocity.z / speed
+    on = wanted.speed_m_s * cos(found.course_off_rad)
+    y5 = wanted.speed_m_s * sin(found.course_off_rad)
+    y6 = on * s - wanted.climb_m_s * c
+    across2 = dot(e, e) - e.z * e.z
+    controls = Controls(turning.x, turning.y, turning.z, found.asked_m_s)
+    return Evaluation(
+        controls=controls,
+        demanded=controls,
+        e=e,
+        y4=on * c + wanted.climb_m_s * s,
+        y5=y5,
+        y6=y6,
+        V1=_bounded(p.k_per_s, p.approach_m_s, across2)
+        + _bounded(p.k_up_per_s, p.approach_up_m_s, e.z * e.z),
+        V2=0.5 * (y5 * y5 + y6 * y6),
+        saturated=found.bank_saturated or found.pitch_saturated or found.throttle_saturated,
+        singular=found.turn_aside != 0,
+    )
+
+
+def _bounded(k: float, approach_m_s: float, e2: float) -> float:
+    """k delta (sqrt(delta^2 + |e|^2) - delta), as `error_function` has it for `BOUNDED`."""
+    delta = approach_m_s / k
+    return k * delta * (e2 / (sqrt(delta * delta + e2) + delta))

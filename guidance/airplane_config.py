@@ -6,10 +6,13 @@ it is not given here (`guidance.flying.airplane_fit`), and the tighter of the tw
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from guidance.checking import Problem
 from guidance.tuning import Metres, Section, Speed
 
 Airspeed = Annotated[float, Meta(ge=3.0, le=1000.0)]
@@ -42,3 +45,16 @@ class AirplaneConfig(Section, frozen=True, kw_only=True):
     output: Literal["attitude", "rates"] = "attitude"
     attitude_gain_per_s: Annotated[float, Meta(ge=0.1, le=20.0)] = 4.0
     wind_max_m_s: Speed = 15.0
+
+
+def airspeed_conflicts(config: AirplaneConfig, fastest_m_s: float) -> Iterator[Problem]:
+    """Airspeeds that do not rise, of those that are given; `fastest_m_s` is `limits.speed_max_m_s`."""
+    given = [
+        (f"airplane.{key}", value)
+        for key in ("airspeed_min_m_s", "airspeed_cruise_m_s", "airspeed_max_m_s")
+        if (value := getattr(config, key)) is not None
+    ]
+    bound = ("limits.speed_max_m_s", fastest_m_s)
+    for (low, slow), (high, fast) in pairwise([*given, bound]):
+        if slow > fast or (slow == fast and low != "airplane.airspeed_max_m_s"):
+            yield Problem(low, f" = {slow:g}: must be below {high} = {fast:g}")

@@ -15,7 +15,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 from msgspec import Meta
 
-from guidance.airplane_config import AirplaneConfig
+from guidance.airplane_config import AirplaneConfig, airspeed_conflicts
 from guidance.checking import ConfigError as ConfigError  # raised here, so found here
 from guidance.checking import Places, Problem, named, one_of, override, problems, shown
 from guidance.connection import parse_connection as parse_connection
@@ -251,6 +251,8 @@ def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
         yield Problem("airplane", f": {profile.name} is no airplane; leave the section out")
     elif airplane.output == "rates" and not profile.takes_rates:
         yield Problem("airplane.output", f' = "rates": {profile.name} takes none; must be "attitude"')
+    if profile.handling is Handling.AIRPLANE:
+        yield from airspeed_conflicts(airplane, config.limits.speed_max_m_s)
     allocation = config.law.allocation
     if profile.planar and allocation != "pitch-yaw":
         yield Problem(

@@ -18,7 +18,7 @@ MOST_BYTES: Final = 1 << 20
 
 
 class KeptFile:
-    """`kept` is what stands in it, as far as is known; `problem` why it cannot be written, empty if it can."""
+    """`kept` is what stands in it, as far as is known; `problem` why it cannot be written, or empty."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

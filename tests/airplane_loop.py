@@ -1,9 +1,9 @@
-"""An airplane flown by tracker and handler, with no MAVLink between: what is seen is told to the estimator."""
+"""An airplane flown by tracker and handler, no MAVLink between: what is seen is told to the estimator."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import atan2, cos, degrees, exp, hypot, pi, radians, sin, sqrt
+from math import atan2, cos, degrees, exp, hypot, pi, radians, sin, sqrt, tan
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from guidance.config import Config, profile_of
 from guidance.estimate import Estimator
 from guidance.mavlink.messages import Odometry, VfrHud, Wind
+from guidance.mavlink.profiles import Asked
 from guidance.records import AirplaneHandling
 from guidance.se3 import Quaternion, Vec3, from_euler, norm, pitch_of, roll_of
 from guidance.tracker import Solution, Tracker
@@ -71,7 +72,7 @@ class Loop:
         self._age_steps = round(age_s / MODEL_STEP_S)
         self._dice = np.random.default_rng(seed)
         self._noise = 1.0 if noise else 0.0
-        self._heading_bias = self._noise * self._dice.uniform(-HEADING_BIAS_RAD, HEADING_BIAS_RAD)
+        self._heading_bias = self._noise * float(self._dice.uniform(-HEADING_BIAS_RAD, HEADING_BIAS_RAD))
         self._bias = self._noise * BIAS_M * self._dice.standard_normal(3)
         air = Air(wind_m_s * cos(pi / 4), wind_m_s * sin(pi / 4), 0.0) if wind_m_s else CALM
         self.weather = Turbulence(air, 0.16 * wind_m_s, 0.1 * wind_m_s, 200.0, 50.0)
@@ -110,7 +111,7 @@ class Loop:
         s = next((s for t_ns, s in reversed(self._seen) if t_ns <= at_ns), None)
         if s is None:
             return
-        z = self._noise * self._dice.standard_normal(9)
+        z = (self._noise * self._dice.standard_normal(9)).tolist()
         q = from_euler(
             s.roll_rad + ATTITUDE_RAD * z[0],
             s.pitch_rad + ATTITUDE_RAD * z[1],
@@ -188,8 +189,22 @@ class Loop:
                 solution.flown.around,
             )
         )
-        q = Quaternion(*solution.outgoing.attitude_wxyz)
-        self.state = model.told(self.state, roll_of(q), pitch_of(q), solution.outgoing.thrust)
+        out = solution.outgoing
+        q = Quaternion(*out.attitude_wxyz)
+        roll, pitch = roll_of(q), pitch_of(q)
+        if self.profile.asked is Asked.RATES_THROTTLE:
+            roll, pitch = self._led_by(Vec3(*out.body_rates_frd_rad_s))
+        self.state = model.told(self.state, roll, pitch, out.thrust)
+
+    def _led_by(self, rates: Vec3) -> tuple[float, float]:
+        """The roll and pitch that make the model turn at these body rates, but for its delay."""
+        s, body = self.state, self.body
+        carried = rates.y * sin(s.roll_rad) + rates.z * cos(s.roll_rad)
+        phi = rates.x + carried * tan(s.pitch_rad)
+        theta = rates.y * cos(s.roll_rad) - rates.z * sin(s.roll_rad)
+        roll = s.roll_rad + phi * body.roll_lag_s - body.roll_offset_rad
+        pitch = s.pitch_rad + theta * body.pitch_lag_s - body.pitch_offset_rad
+        return roll / body.roll_gain, pitch / body.pitch_gain
 
     def _move(self) -> None:
         blows = blowing(self.weather, self._gusts)
@@ -198,9 +213,9 @@ class Loop:
             self._seen.append((self.now_ns + n * round(MODEL_STEP_S * 1e9), self.state))
             self.state = model.step(self.body, self.state, blows, MODEL_STEP_S)
         del self._seen[:-60]
-        normals = self._dice.standard_normal(3)
+        a, b, c = self._dice.standard_normal(3).tolist()
         self._gusts = gusts_step(
-            self.weather, self._gusts, self.state.airspeed_m_s, tuple(normals), STEP_NS * 1e-9
+            self.weather, self._gusts, self.state.airspeed_m_s, (a, b, c), STEP_NS * 1e-9
         )
         self.now_ns += STEP_NS
 

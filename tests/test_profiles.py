@@ -109,6 +109,14 @@ def test_golden_bytes_of_an_airplane_s_setpoint(name: str, mask: str) -> None:
     )
 
 
+def test_golden_bytes_of_rates_and_throttle() -> None:
+    profile = PROFILES["px4-plane"].by_rates()
+    out = outgoing(profile, Demand(Vec3(0.5, -0.25, 0.125), throttle=1.5), 1.0)
+    sent = packed(setpoint_message(profile, out, 1, 1, 1000))
+    assert sent == attitude_target(1000, 0x80, (0.5, -0.25, 0.125), 1.0)
+    assert [row.name for row in PROFILES.values() if row.takes_rates] == ["px4-plane"]
+
+
 @pytest.mark.parametrize(
     ("name", "mask"), [("px4-copter", "c705"), ("ardupilot-copter", "c705"), ("px4-rover", "c70d")]
 )

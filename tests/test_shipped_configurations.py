@@ -49,7 +49,7 @@ CHOICES: Final[dict[str, dict[str, type[msgspec.Struct]]]] = {
 }
 ABSENT: Final = re.compile(r"Absent: .+\.$")
 #: The table of a class of vehicles is in the examples of that class only.
-CLASS_OF: Final = {"ground": Handling.GROUND}
+CLASS_OF: Final = {"ground": Handling.GROUND, "airplane": Handling.AIRPLANE}
 
 
 class Key(NamedTuple):

@@ -17,6 +17,7 @@ from msgspec import Meta
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.flying import Flown
+from guidance.flying.airplane_feasible import cannot_fly
 from guidance.flying.airplane_fit import Fitted, fitted
 from guidance.handling import airplane, airplane_throttle
 from guidance.handling.airplane import UNTRIMMED, Measured, Parameters, Trims, airplane_step
@@ -88,7 +89,10 @@ class Airplane:
     def fit(self, values: Mapping[str, float]) -> str | None:
         """As `Handler` says."""
         self._values = dict(values)
-        return self._adopt()
+        why = self._adopt()
+        if why is not None or self._fitted is None:
+            return why
+        return cannot_fly(self._config.trajectory, self._fitted.parameters, self.trims)
 
     def _adopt(self) -> str | None:
         found = fitted(self._config, self._values)

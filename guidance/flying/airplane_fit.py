@@ -20,11 +20,8 @@ from typing import Final, NamedTuple
 
 from guidance.config import Config
 from guidance.handling import airplane, waiting
-from guidance.handling.airplane_defaults import Airframe, handling
+from guidance.handling.airplane_defaults import Airframe, handling, patience
 from guidance.tuning import Bounded, BoundedApart
-
-#: A reference that waits, for airplanes.
-WAITING: Final = waiting.Parameters(slowest=0.5, fastest=1.15, per_m=0.35, falls_per_s=0.5, rises_per_s=0.4)
 
 #: What the autopilots call it, newest name first, and what makes it m/s, degrees or a part of 1. An airplane
 #: has the names of one firmware.
@@ -58,7 +55,7 @@ def told(values: Mapping[str, float], what: str) -> float | None:
 
 
 def airframe_of(config: Config, values: Mapping[str, float]) -> Airframe | str:
-    """The airframe, or what of it is not known or contradicts itself."""
+    """The airframe, or what of it is not known."""
     c, limits = config.airplane, config.limits
     slowest = _highest(c.airspeed_min_m_s, told(values, "airspeed_min"))
     fastest = _lowest(c.airspeed_max_m_s, told(values, "airspeed_max"))
@@ -77,49 +74,27 @@ def airframe_of(config: Config, values: Mapping[str, float]) -> Airframe | str:
     assert fastest is not None
     assert cruise is not None
     assert bank_deg is not None
-    fastest = min(fastest, limits.speed_max_m_s)
-    if not 3.0 <= slowest < cruise <= fastest:
-        return (
-            f"least, cruise and greatest airspeed are {slowest:.3g}, {cruise:.3g} and {fastest:.3g} m/s "
-            "(the tighter of airplane.airspeed_*_m_s, limits.speed_max_m_s and the autopilot's): must rise, "
-            "from 3 on"
-        )
-    if not 5.0 <= bank_deg <= 75.0:
-        return f"the bank limit is {bank_deg:.3g} deg: must be from 5 to 75"
     roll_rate_deg = told(values, "roll_rate") or inf  # 0 is no limit
-    roll_rate = min(limits.roll_rate_max_rad_s, radians(roll_rate_deg))
-    if roll_rate < 0.1:
-        return f"limits.roll_rate_max_rad_s = {roll_rate:.3g}: an airplane turns by rolling; at least 0.1"
     full = c.climb_full_m_s or told(values, "climb") or _CLIMB_PART * cruise
-    throttle = c.throttle_cruise or told(values, "throttle_cruise") or _THROTTLE_CRUISE
-    if not 0.0 < throttle < 1.0:
-        return f"the throttle of the cruise is {throttle:.3g}: must be above 0 and below 1"
     pitch_deg = c.pitch_cruise_deg
     if pitch_deg is None:
         pitch_deg = told(values, "pitch_cruise") or 0.0
-    lowest_deg = max(-_PITCH_DEG, _or(told(values, "pitch_min"), -_PITCH_DEG))
-    highest_deg = min(_PITCH_DEG, _or(told(values, "pitch_max"), _PITCH_DEG))
-    if not lowest_deg < pitch_deg < highest_deg:
-        return (
-            f"the pitch of level flight, {pitch_deg:.3g} deg (airplane.pitch_cruise_deg), must be between "
-            f"the limits of pitch, {lowest_deg:.3g} and {highest_deg:.3g}"
-        )
     part = _CLIMB_PART * cruise
     return Airframe(
         airspeed_min_m_s=slowest,
         airspeed_cruise_m_s=cruise,
-        airspeed_max_m_s=fastest,
+        airspeed_max_m_s=min(fastest, limits.speed_max_m_s),
         bank_max_rad=radians(bank_deg),
-        roll_rate_rad_s=roll_rate,
+        roll_rate_rad_s=min(limits.roll_rate_max_rad_s, radians(roll_rate_deg)),
         lag_s=c.bank_lag_s,
         throttle_lag_s=c.throttle_lag_s,
         climb_max_m_s=min(_or(_lowest(c.climb_max_m_s, told(values, "climb")), part), full),
         sink_max_m_s=_or(_lowest(c.sink_max_m_s, told(values, "sink")), part),
         climb_full_m_s=full,
-        throttle_cruise=throttle,
+        throttle_cruise=c.throttle_cruise or told(values, "throttle_cruise") or _THROTTLE_CRUISE,
         pitch_cruise_rad=radians(pitch_deg),
-        pitch_lowest_rad=radians(lowest_deg),
-        pitch_highest_rad=radians(highest_deg),
+        pitch_lowest_rad=radians(max(-_PITCH_DEG, _or(told(values, "pitch_min"), -_PITCH_DEG))),
+        pitch_highest_rad=radians(min(_PITCH_DEG, _or(told(values, "pitch_max"), _PITCH_DEG))),
         floor_down_m=_or(c.floor_down_m, inf),
     )
 
@@ -137,7 +112,14 @@ def fitted(config: Config, values: Mapping[str, float]) -> Fitted | str:
     if isinstance(frame, str):
         return frame
     c, law = config.airplane, config.law
-    p = handling(frame)
+    try:
+        p = handling(frame)
+    except ValueError as error:
+        return (
+            "no airplane flies like this ([airplane], [limits] and the autopilot's parameters, the "
+            f"tighter of each): {error}"
+        )
+    k = law.k / law.beta
     level, up = p.approach_m_s, p.approach_up_m_s
     match law.error_function:
         case Bounded(approach_m_s=bound):
@@ -159,7 +141,7 @@ def fitted(config: Config, values: Mapping[str, float]) -> Fitted | str:
         pitch = pitch._replace(trim_per_s=0.0)
         throttle = throttle._replace(integral_per_m=0.0)
     p = p._replace(
-        k_per_s=law.k / law.beta,
+        k_per_s=k,
         k_up_per_s=_or(c.k_up_per_s, p.k_up_per_s),
         approach_m_s=level,
         approach_up_m_s=_or(c.approach_up_m_s, up),
@@ -169,7 +151,7 @@ def fitted(config: Config, values: Mapping[str, float]) -> Fitted | str:
         pitch=pitch,
         throttle=throttle,
         wind=p.wind._replace(wind_max_m_s=c.wind_max_m_s),
-        waiting=WAITING if c.waits else waiting.OFF,
+        waiting=patience(frame.airspeed_cruise_m_s, k) if c.waits else waiting.OFF,
     )
     return Fitted(p, frame.airspeed_cruise_m_s)
 

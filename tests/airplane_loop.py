@@ -13,7 +13,7 @@ from guidance.estimate import Estimator
 from guidance.mavlink.messages import Odometry, VfrHud, Wind
 from guidance.mavlink.profiles import Asked
 from guidance.records import AirplaneHandling
-from guidance.se3 import Quaternion, Vec3, from_euler, norm, pitch_of, roll_of
+from guidance.se3 import Quaternion, Vec3, add, from_euler, norm, pitch_of, roll_of, subtract
 from guidance.tracker import Solution, Tracker
 from guidance.trajectory import sample
 from sitl.airplane_flight import (
@@ -183,7 +183,7 @@ class Loop:
         self.rows.append(
             Row(
                 (self.now_ns - BEGIN_NS) * 1e-9,
-                norm(solution.evaluation.e),
+                self._off_m(solution),
                 self.state.airspeed_m_s,
                 solution,
                 solution.flown.around,
@@ -195,6 +195,14 @@ class Loop:
         if self.profile.asked is Asked.RATES_THROTTLE:
             roll, pitch = self._led_by(Vec3(*out.body_rates_frd_rad_s))
         self.state = model.told(self.state, roll, pitch, out.thrust)
+
+    def _off_m(self, solution: Solution) -> float:
+        """The airplane itself from the reference, both now: what the handler predicts is not asked."""
+        around = solution.flown.around
+        assert isinstance(around, AirplaneHandling)
+        planned_s = solution.trajectory_s - self._delay_ns * 1e-9 * around.clock_rate
+        at = add(self._origin, sample(self.config.trajectory, planned_s).position)
+        return norm(subtract(Vec3(self.state.north_m, self.state.east_m, self.state.down_m), at))
 
     def _led_by(self, rates: Vec3) -> tuple[float, float]:
         """The roll and pitch that make the model turn at these body rates, but for its delay."""

@@ -9,6 +9,7 @@ from typing import Any, Final
 import pytest
 
 from guidance import error_function
+from guidance.blending import NO_TURN
 from guidance.config import Config, ConfigError, load, profile_of
 from guidance.core import Guide
 from guidance.flying.airplane import AIRSPEED_S, Airplane
@@ -82,6 +83,12 @@ def test_by_body_rates_px4_flies_as_well() -> None:
     # a turn to the right: the nose is pulled round
     assert out.body_rates_frd_rad_s[2] > 0.05
     assert out.thrust == pytest.approx(0.8, abs=0.2)
+    # what was sent is what it is taken to obey; an attitude says nothing of rates
+    assert rows[-1].solution.flown.acting_rates_frd_rad_s == out.body_rates_frd_rad_s
+    flight = loop("px4-plane")
+    flown = flight.fly(1.0)[-1].solution.flown
+    assert flight.estimator.attitude is not None
+    assert flown.acting_rates_frd_rad_s == flight.estimator.attitude.body_rates_frd_rad_s
 
 
 @pytest.mark.parametrize(("age_s", "delay_s"), [(0.06, 0.15), (0.1, 0.2)])
@@ -140,6 +147,28 @@ def parameters(config: Config, values: dict[str, float]) -> Any:
     assert handler.fit(values) is None
     assert handler._fitted is not None
     return handler._fitted.parameters
+
+
+def test_what_cannot_be_flown_changes_nothing_in_flight() -> None:
+    flight = loop("px4-plane")
+    flight.fly(1.0)
+    handler = flight.tracker.handler
+    before = getattr(handler, "_fitted", None)
+    assert "must be 0 < min < cruise" in str(handler.fit({"FW_AIRSPD_MIN": 13.0}))
+    flight.fly(0.1)
+    assert getattr(handler, "_fitted", None) == before
+
+
+def test_a_turn_of_the_estimator_is_blended_in_what_was_seen(
+    quiet: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handler = quiet.tracker.handler
+    assert isinstance(handler, Airplane)
+    quiet.tracker._turn = NO_TURN._replace(angle_rad=Vec3(0.0, 0.0, 0.3))
+    told = measured(handler, monkeypatch, quiet)
+    now = quiet.estimator.attitude
+    assert now is not None
+    assert yaw_of(told.pose.attitude) - yaw_of(now.attitude) == pytest.approx(0.3, abs=0.02)
 
 
 def test_the_tighter_of_configuration_and_autopilot_holds() -> None:

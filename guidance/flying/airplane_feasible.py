@@ -10,7 +10,7 @@ from functools import lru_cache
 from math import atan, cos, degrees, hypot, sqrt, tan
 from typing import Final, NamedTuple
 
-from guidance.feasibility import INSTANTS
+from guidance.instants import INSTANTS
 from guidance.handling import airplane, airplane_throttle
 from guidance.handling.airplane_bank import GRAVITY_M_S2
 from guidance.trajectory import Trajectory, sample

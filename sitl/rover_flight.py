@@ -1,9 +1,9 @@
-"""A rover's or boat's flight without MAVLink: model, noise, prediction and `ground_step`, interpreted or compiled.
+"""A rover's or boat's drive without MAVLink: model, noise and `ground_step`, interpreted or compiled.
 
-Model and clock step by 5 ms, so that the guide may step at 50, 40, 20 or 10 Hz and the estimator draws its
-noise anew at 50 Hz. What is measured is `AGE_S` old at the guide's step; pose and reference are predicted to
-where the setpoint acts with the yaw rates that were sent, as `guidance.prediction` does it. The noise is that of
-`sitl.vehicle.estimator`, level.
+The model steps at 5 ms, so that the guide may step at 50, 40, 20 or 10 Hz, and the estimator draws anew at
+50 Hz, with the noise of `sitl.vehicle.estimator`, level. What is measured is `AGE_S` old at the guide's step;
+pose and reference are predicted to where the setpoint acts by the yaw rates that were sent, as
+`guidance.prediction` does it.
 
 Errors are those against the estimate: the position with its bias, which nobody on board can know, without the
 white part, which is no motion; and the reference at that instant, on the clock that the guide set for it.
@@ -68,8 +68,8 @@ class Path(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """The handling, a setpoint every `steps` of the model (at least `AGE_STEPS`), each taken to act `ahead_ns`
-    after it was computed."""
+    """The handling, a setpoint every `steps` of the model (at least `AGE_STEPS`), each taken to act
+    `ahead_ns` after it was computed."""
 
     ground: ground.Parameters
     steps: int
@@ -97,8 +97,8 @@ def fly(
 ) -> None:
     """Fly as many guide's steps as `record` (steps, COLUMNS) has rows, and write them.
 
-    The rover begins as `state` says, and makes of a speed that it is told `speed_part` times as much. There are
-    to be `normals` (estimates, NOISES) for every `ESTIMATOR_STEPS` of the model.
+    The rover begins as `state` says, and makes of a speed that it is told `speed_part` times as much.
+    `normals` (estimates, NOISES) has a row for every `ESTIMATOR_STEPS` of the model, and one more.
     """
     dt = guide.steps * STEP_S
     ahead_ns = AGE_STEPS * STEP_NS + guide.ahead_ns
@@ -143,9 +143,7 @@ def fly(
         off = bounded(noise, bias)
         row = record[n]
         row[0] = n * dt
-        row[1] = hypot(
-            true_north + off.north_m - then.position.x, true_east + off.east_m - then.position.y
-        )
+        row[1] = hypot(true_north + off.north_m - then.position.x, true_east + off.east_m - then.position.y)
         row[2] = true_north
         row[3] = true_east
         row[4] = true_heading
@@ -208,8 +206,8 @@ def predicted(
     from_ns: int,
     to_ns: int,
 ) -> tuple[Pose, Twist]:
-    """As `guidance.prediction.predict`, of the last of `count` setpoints: instants, rising, and yaw rates, the
-    one of setpoint i in place i modulo the length."""
+    """As `guidance.prediction.predict`, of the last of `count` setpoints: instants, rising, and yaw rates,
+    those of setpoint i in place i modulo the length."""
     at_ns = from_ns
     for i in range(max(0, count - len(sent_ns)), count):
         instant_ns = sent_ns[i % len(sent_ns)]
@@ -238,8 +236,8 @@ def airspeed(state: model.State, turbulence: Turbulence) -> float:
 
 
 def beside(path: Path, right_m: float, ahead_m: float, off_rad: float) -> model.State:
-    """At rest, so far from the reference's start (to its right, ahead of it), the heading so much to the right
-    of its course."""
+    """At rest, so far from the reference's start (to its right, ahead of it), the heading so much to the
+    right of its course."""
     r = reference_at(path.kind, path.shape, 0.0)
     speed = hypot(r.velocity.x, r.velocity.y)
     c, s = r.velocity.x / speed, r.velocity.y / speed

@@ -10,9 +10,9 @@ from functools import lru_cache
 from math import atan, cos, degrees, hypot, sqrt, tan
 from typing import Final, NamedTuple
 
-from guidance.instants import INSTANTS
 from guidance.handling import airplane, airplane_throttle
 from guidance.handling.airplane_bank import GRAVITY_M_S2
+from guidance.instants import INSTANTS
 from guidance.trajectory import Trajectory, sample
 
 #: Of the turn at the steepest bank, what a trajectory may take; the rest is for errors and gusts.

@@ -21,9 +21,8 @@ _FLIGHTS_PER_CELL: Final = 12
 def write(results: list[Result], path: Path) -> None:
     """One row of panels per campaign: part that converged, median time, and the slowest in each cell.
 
-    Start distance is across, the angle between nose and field up (of vehicles: between nose and the reference's
-    course). Grey cells had no flight (or, for the
-    times, none that converged).
+    Start distance is across, the angle between nose and field up (of vehicles: between nose and the
+    reference's course). Grey cells had no flight (or, for the times, none that converged).
     """
     matplotlib.rcParams["svg.hashsalt"] = "sitl"
     figure = Figure(figsize=(15.0, 3.6 * len(results) + 0.4), layout="constrained")

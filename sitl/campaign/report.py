@@ -25,10 +25,10 @@ class Summary(TypedDict):
     """`converged`: the part of the flights below the radius for good; `in_time`: within `due_s`.
 
     `left`: those that were below it and are not for good. Times are of those that converged, excursions
-    (largest error after the first entry) of those that entered, errors of all; `saturated` is the part of a
-    flight's setpoints at a limit, `reversed` that of the flights that were asked backwards. Largest errors and
-    slowest airspeeds are of vehicles. `outcome` counts flights by what became of them, `worst` has the numbers
-    of those that did not converge, and then of the largest RMS.
+    (largest error after the first entry) of those that entered, errors of all; `saturated` is the part of
+    a flight's setpoints at a limit, `reversed` that of the flights that were asked backwards. Largest
+    errors and slowest airspeeds are of vehicles. `outcome` counts flights by what became of them, `worst`
+    has what was drawn for a few that did not converge, or else of the largest RMS.
     """
 
     name: str
@@ -174,7 +174,15 @@ def _show_driven(summaries: list[Summary], console: Console) -> None:
         padding=(0, 1, 0, 0),
     )
     table.add_column("campaign")
-    for heading in ("RMS median", "99 %", "worst", "largest error", "99 %", "saturated", "slowest in the air"):
+    for heading in (
+        "RMS median",
+        "99 %",
+        "worst",
+        "largest error",
+        "99 %",
+        "saturated",
+        "slowest in the air",
+    ):
         table.add_column(heading, justify="right")
     table.add_column("ended")
     for found in summaries:

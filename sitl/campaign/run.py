@@ -30,7 +30,7 @@ CHUNK: Final = 4096
 
 @dataclass(frozen=True)
 class Result:
-    """What a campaign found: those of `plan.columns` that vary, by name, and `outcomes` (n, plan.outcomes)."""
+    """What a campaign found: those of `plan.columns` that vary, and `outcomes` (n, plan.outcomes)."""
 
     plan: AnyPlan
     parameters: dict[str, Rows]

@@ -43,5 +43,3 @@ def normals(plan: VehiclePlan, flight: int, count: int, width: int) -> NDArray[n
     """The noise of one flight: its own stream of the campaign's seed, (count, width)."""
     key = np.array([plan.seed, flight + 1], np.uint64)
     return np.random.Generator(np.random.Philox(key=key)).standard_normal((count, width))
-
-

@@ -211,7 +211,11 @@ def _rover(plan: VehiclePlan, config: Config, values: Mapping[str, float]) -> Ro
 
 def _airplane(plan: VehiclePlan, config: Config, values: Mapping[str, float]) -> Airplane:
     found = fitted(config, values)
-    why = found if isinstance(found, str) else cannot_fly(config.trajectory, found.parameters, airplane.UNTRIMMED)
+    why = (
+        found
+        if isinstance(found, str)
+        else cannot_fly(config.trajectory, found.parameters, airplane.UNTRIMMED)
+    )
     if isinstance(found, str) or why is not None:
         raise ValueError(why)
     task, height_m = _task(config.trajectory)

@@ -69,14 +69,15 @@ MODELS: Final = {"ardupilot-rover": "rover", "px4-plane": "airplane_12", "ardupi
 class VehiclePlan(Section, frozen=True, kw_only=True):
     """A campaign of one vehicle.
 
-    `configuration` is a file, by default the one that ships for the profile, with `settings` (KEY=VALUE) on top;
-    its trajectory is flown. `model` is one of `sitl.models` or a file.
+    `configuration` is a file, by default the one that ships for the profile, with `settings` (KEY=VALUE) on
+    top; its trajectory is flown. `model` is one of `sitl.models` or a file.
 
     `gain`, `slew` and `power` are factors: on the answer in yaw rate, or in roll and pitch, on how fast that
-    may change, and on speed or thrust. `delay_s` is added to the model's, which is never below 0. `wind_m_s` blows to
-    anywhere, with gusts of sigma `gusts` times as much; a rover feels what its file says. `noise` is a part
-    of the usual estimator's. It starts `distance_m` from the reference's start (uniform in area), `up_m` above it,
-    its nose up to `off_deg` off the reference's course; a rover at rest, an airplane at the cruise airspeed.
+    may change, and on speed or thrust. `delay_s` is added to the model's delay, and no sum is below 0.
+    `wind_m_s` blows to anywhere, with gusts of sigma `gusts` times as much; a rover feels what its file
+    says. `noise` is a part of the usual estimator's. A flight starts `distance_m` from the reference's start
+    (uniform in area), `up_m` above it, its nose `off_deg` off the reference's course to either side; a rover
+    at rest, an airplane with the reference's speed through the air.
     """
 
     profile: Literal["ardupilot-rover", "px4-plane", "ardupilot-plane"]
@@ -173,4 +174,3 @@ def read_plan(path: Path) -> VehiclePlan:
         return msgspec.convert(data, VehiclePlan)
     except msgspec.ValidationError as error:
         raise ValueError(f"{path}: {error}") from None
-

@@ -1,8 +1,8 @@
-"""Named campaigns of the rover and of the airplanes: their tasks, with everything wrong that can be at once."""
+"""Named campaigns of the rover and of the airplanes: their tasks, with much that is wrong at once."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from sitl.campaign.vehicle_plan import VehiclePlan
 
@@ -44,7 +44,10 @@ def airplane(flights: int = FLIGHTS, seed: int = 0) -> list[VehiclePlan]:
 
     The thrust is at most a tenth off: with a fifth less, the slower one cannot fly at 12 m/s.
     """
-    rows = (("px4-plane", 12.0), ("ardupilot-plane", 20.0))
+    rows: tuple[tuple[Literal["px4-plane", "ardupilot-plane"], float], ...] = (
+        ("px4-plane", 12.0),
+        ("ardupilot-plane", 20.0),
+    )
     tasks = {
         "circle r 100 m": ("trajectory.name=circle", "trajectory.radius_m=100"),
         "eight 400 x 200 +-10 m": (

@@ -40,6 +40,8 @@ AIRSPEED_M_S: Final = 0.3
 
 #: Normals that a guide's step takes: gusts 3, position 3, its bias 3, attitude 3, velocity 3, airspeed 1.
 NOISES: Final = 16
+#: So many of them, the first, are the gusts'.
+GUSTS: Final = 3
 
 CIRCLE: Final = 0
 HELIX: Final = 1

@@ -56,7 +56,7 @@ from guidance.handling import (
     velocity,
     waiting,
 )
-from sitl import airplane_flight, copter_flight, plant
+from sitl import airplane_flight, copter_flight, plant, rover_flight
 from sitl.campaign import draw, flight
 from sitl.models import airplane as airplane_model
 from sitl.models import attitude, gusts, rover
@@ -100,6 +100,7 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     copter_model,
     airplane_flight,
     copter_flight,
+    rover_flight,
 )
 
 #: Too seldom and too long to be worth a copy at each place that calls them.

@@ -80,7 +80,7 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
         (["--turn-acceleration", "0"], "turn_acceleration_rad_s2 must be at least 0.001"),
         (["--wind", "nan"], "wind_m_s must be at least 0"),
         (["--law", "pid"], "law must be one of"),
-        (["--preset", "chair"], "preset must be one of table, not 'chair'"),
+        (["--preset", "chair"], "preset must be one of table, rover, airplane, not 'chair'"),
         (["--preset", "table", "--k", "2"], "k is set by the preset table"),
         (["--trajectory", "helix,radius_m=-1"], "trajectory.radius_m = -1"),
         (["--trajectory", "spiral"], 'trajectory.name = "spiral"'),

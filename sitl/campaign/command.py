@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -18,22 +19,28 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 if TYPE_CHECKING:  # numpy and numba are slow to import, and of an extra: only a campaign waits for them
     from sitl.campaign.plan import Plan
-    from sitl.campaign.run import Result
+    from sitl.campaign.run import AnyPlan, Result
 
 _PAIR: Final = "X|LOW:HIGH"
 _PLOTS: Final = (".png", ".svg", ".pdf")
 #: What says how and where, and not what is flown; these and `_OF_PRESET` may be given with a preset.
-_HOW: Final = frozenset({"preset", "threads", "output", "plot", "as_json"})
+_HOW: Final = frozenset({"preset", "plan", "threads", "output", "plot", "as_json"})
 _OF_PRESET: Final = frozenset({"flights", "seed", "within_m"})
 
 
 def campaign(
     context: typer.Context,
     preset: Annotated[
-        str | None, typer.Option(help="A named set of campaigns instead of the options: table.")
+        str | None,
+        typer.Option(help="A named set of campaigns instead of the options: table, rover, airplane."),
+    ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A vehicle's campaign from a TOML file instead of the options."),
     ] = None,
     flights: Annotated[
-        int | None, typer.Option(help="How many; default 10,000, of the table 1,000,000 or a tenth.")
+        int | None,
+        typer.Option(help="How many; default 10,000, of the table 1,000,000 or a tenth, of vehicles 400."),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="The same seed gives the same numbers; default 0.")] = None,
     law: Annotated[str | None, typer.Option(help="paper (default) or global.")] = None,
@@ -158,7 +165,7 @@ def campaign(
     try:
         output = _file(output, "campaign.npz", (".npz",), as_json)
         plot = _file(plot, "campaign.png", _PLOTS, as_json)
-        plans = [_plan(given)] if preset is None else _preset(preset, given)
+        plans = _plans(preset, plan, given)
         _fly(plans, threads, output, plot, as_json)
     except ModuleNotFoundError as error:
         sys.stderr.write(f"sitl campaign: needs {error.name}, of the extra se3-guidance[sitl]\n")
@@ -178,6 +185,26 @@ def _file(given: Path | None, default: str, endings: tuple[str, ...], as_json: b
     return path
 
 
+def _plans(preset: str | None, path: Path | None, given: dict[str, Any]) -> Sequence[AnyPlan]:
+    if preset is not None and path is not None:
+        raise ValueError("preset and plan cannot be given together")
+    if preset is not None:
+        return _preset(preset, given)
+    return [_plan(given)] if path is None else [_read(path, given)]
+
+
+def _read(path: Path, given: dict[str, Any]) -> AnyPlan:
+    from sitl.campaign.vehicle_plan import changed, read_plan
+
+    _only_of_preset(f"the plan {path}", given)
+    return changed(read_plan(path), given)
+
+
+def _only_of_preset(by: str, given: dict[str, Any]) -> None:
+    for option in given.keys() - _OF_PRESET:
+        raise ValueError(f"{option} is set by {by} and cannot be given with it")
+
+
 def _plan(given: dict[str, Any]) -> Plan:
     from sitl.campaign.plan import DRAWN, Plan, named_error_function, named_trajectory, pair
 
@@ -191,19 +218,22 @@ def _plan(given: dict[str, Any]) -> Plan:
     return Plan(**given)
 
 
-def _preset(name: str, given: dict[str, Any]) -> list[Plan]:
-    from sitl.campaign.presets import PRESETS, TABLE_FLIGHTS
+def _preset(name: str, given: dict[str, Any]) -> Sequence[AnyPlan]:
+    from sitl.campaign.presets import PRESETS
+    from sitl.campaign.vehicle_plan import VehiclePlan, changed
 
     if name not in PRESETS:
         raise ValueError(f"preset must be one of {', '.join(PRESETS)}, not {name!r}")
-    for option in given.keys() - _OF_PRESET:
-        raise ValueError(f"{option} is set by the preset {name} and cannot be given with it")
-    plans = PRESETS[name](given.get("flights", TABLE_FLIGHTS), given.get("seed", 0))
-    return [replace(plan, within_m=given.get("within_m", plan.within_m)) for plan in plans]
+    _only_of_preset(f"the preset {name}", given)
+    within = {key: value for key, value in given.items() if key == "within_m"}
+    plans = PRESETS[name](**{key: value for key, value in given.items() if key != "within_m"})
+    return [
+        changed(plan, given) if isinstance(plan, VehiclePlan) else replace(plan, **within) for plan in plans
+    ]
 
 
 def _fly(
-    plans: list[Plan], threads: int | None, output: Path | None, plot: Path | None, as_json: bool
+    plans: Sequence[AnyPlan], threads: int | None, output: Path | None, plot: Path | None, as_json: bool
 ) -> None:
     """Fly, say what came of it, and then write it: a file that fails takes nothing else with it.
 
@@ -214,16 +244,17 @@ def _fly(
     from sitl.campaign.files import replacing
     from sitl.campaign.report import show, summary
     from sitl.campaign.run import save
+    from sitl.campaign.run import steps as steps_of
 
     if plot is not None:
         from sitl.campaign import plots  # missing libraries show before the flights
     _check_memory(plans)
+    steps = sum(map(steps_of, plans))  # what cannot be flown is refused here
     with ExitStack() as files:
         fill_output = files.enter_context(replacing(output)) if output is not None else None
         fill_plot = files.enter_context(replacing(plot)) if plot is not None else None
         results, seconds = _flown(plans, threads)
         summaries = [summary(result) for result in results]
-        steps = sum(plan.flights * plan.steps for plan in plans)
         try:
             if as_json:
                 campaigns = [
@@ -235,7 +266,8 @@ def _fly(
                 console = Console()
                 # A pipe has no width: there the table is as wide as it needs to be.
                 show(summaries, plans[0].within_m, console if console.is_terminal else Console(width=160))
-                typer.echo(f"{steps:,} steps in {seconds:.1f} s")
+                flights = sum(plan.flights for plan in plans)
+                typer.echo(f"{flights:,} flights, {steps:,} steps in {seconds:.1f} s")
         finally:  # a pipe that nobody reads any longer takes no files with it either
             if fill_output is not None:
                 fill_output(partial(save, results))
@@ -247,7 +279,7 @@ def _fly(
                 typer.echo(path)
 
 
-def _check_memory(plans: list[Plan]) -> None:
+def _check_memory(plans: Sequence[AnyPlan]) -> None:
     from sitl.campaign.run import memory_bytes
 
     needed = sum(memory_bytes(plan) for plan in plans)
@@ -259,7 +291,7 @@ def _check_memory(plans: list[Plan]) -> None:
         )
 
 
-def _flown(plans: list[Plan], threads: int | None) -> tuple[list[Result], float]:
+def _flown(plans: Sequence[AnyPlan], threads: int | None) -> tuple[list[Result], float]:
     """The results, and the seconds they took."""
     from sitl.campaign.run import run
 

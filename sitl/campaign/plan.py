@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import msgspec
 
@@ -15,7 +15,7 @@ from guidance.law import Parameters
 from guidance.se3 import ZERO, Quaternion, Vec3
 from guidance.trajectory import Helix, Trajectory
 from sitl.campaign.draw import Pair, Ranges
-from sitl.campaign.flight import PARAMETERS, START_RATES, TRAJECTORIES, Common
+from sitl.campaign.flight import OUTCOMES, PARAMETERS, START_RATES, TRAJECTORIES, Common
 
 #: Longest actuation delay, in steps: commands under way are kept in a ring of that size.
 LONGEST_DELAY_STEPS: Final = 500
@@ -118,6 +118,9 @@ class Plan:
     start_rate_rad_s: Pair = (0.0, 0.0)
     starts: tuple[Start, ...] = ()
 
+    columns: ClassVar[tuple[str, ...]] = PARAMETERS
+    outcomes: ClassVar[tuple[str, ...]] = OUTCOMES
+
     def __post_init__(self) -> None:
         _whole("flights", self.flights, 1, MOST_FLIGHTS)
         _whole("seed", self.seed, 0, 2**64 - 1)
@@ -172,9 +175,6 @@ class Plan:
 
     def common(self) -> Common:
         """What all flights share, as the loop takes it."""
-        # without the two keys of the stop, which every trajectory has first
-        shape = [float(value) for value in msgspec.structs.astuple(self.trajectory)[2:]]
-        a, b, c, d, e, f = shape + [0.0] * (6 - len(shape))
         return Common(
             law=tuning.LAWS[self.law],
             allocation=tuning.ALLOCATIONS[self.allocation],
@@ -183,7 +183,7 @@ class Plan:
             acceleration_m_s2=self.acceleration_m_s2,
             turn_acceleration_rad_s2=self.turn_acceleration_rad_s2,
             trajectory=TRAJECTORIES[type(self.trajectory)],
-            shape=(a, b, c, d, e, f),
+            shape=shape_of(self.trajectory),
             is_planar=self.planar,
             dt_s=self.step_s,
             steps=self.steps,
@@ -234,6 +234,13 @@ class Plan:
             if math.isinf(found[name]):
                 found[name] = None
         return found
+
+
+def shape_of(trajectory: Trajectory) -> tuple[float, float, float, float, float, float]:
+    """Its parameters in their order, without the two of the stop, which every trajectory has first."""
+    shape = [float(value) for value in msgspec.structs.astuple(trajectory)[2:]]
+    a, b, c, d, e, f = shape + [0.0] * (6 - len(shape))
+    return a, b, c, d, e, f
 
 
 #: Fields of `Plan` that are drawn, in its order.

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sitl.campaign.plan import Plan
 from sitl.campaign.run import Result
 
 #: Cells along each axis for a hundred thousand flights and more; fewer flights have larger cells.
@@ -20,8 +21,8 @@ _FLIGHTS_PER_CELL: Final = 12
 def write(results: list[Result], path: Path) -> None:
     """One row of panels per campaign: part that converged, median time, and the slowest in each cell.
 
-    Start distance is across, the angle between nose and field up. Grey cells had no flight (or, for the
-    times, none that converged).
+    Start distance is across, the angle between nose and field up (of vehicles: between nose and the
+    reference's course). Grey cells had no flight (or, for the times, none that converged).
     """
     matplotlib.rcParams["svg.hashsalt"] = "sitl"
     figure = Figure(figsize=(15.0, 3.6 * len(results) + 0.4), layout="constrained")
@@ -66,5 +67,6 @@ def _region(figure: Figure, row: list[Axes], result: Result) -> None:
         figure.colorbar(image, ax=axis)
         axis.set_title(title, fontsize=10)
         axis.set_xlabel("distance from the reference at the start, m")
-        axis.set_ylabel("nose off the field, deg")
+        from_what = "field" if isinstance(result.plan, Plan) else "course"
+        axis.set_ylabel(f"nose off the {from_what}, deg")
         axis.set_yticks(range(0, 181, 45))

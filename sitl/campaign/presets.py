@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
 from guidance.se3 import IDENTITY, Quaternion, Vec3, from_euler, from_yaw, norm
 from guidance.trajectory import Circle, Helix, Line, Trajectory, sample
+from sitl.campaign import vehicle_presets
 from sitl.campaign.plan import Plan, Start
+from sitl.campaign.vehicle_plan import VehiclePlan
 
 #: Flights of the table's first row and of the one with lag, which alone feels the motion at the start; each
 #: of the other random rows has a tenth of it.
@@ -135,5 +137,9 @@ def table(flights: int = TABLE_FLIGHTS, seed: int = 0) -> list[Plan]:
     ]
 
 
-#: Name -> (flights, seed) -> campaigns.
-PRESETS: Final[dict[str, Callable[[int, int], list[Plan]]]] = {"table": table}
+#: Name -> campaigns, for as many flights as given, or as many as are usual, and a seed.
+PRESETS: Final[dict[str, Callable[..., Sequence[Plan | VehiclePlan]]]] = {
+    "table": table,
+    "rover": vehicle_presets.rover,
+    "airplane": vehicle_presets.airplane,
+}

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from sitl.campaign.draw import draw, uniforms
 from sitl.campaign.flight import OUTCOMES, PARAMETERS, Rows, fly
 from sitl.campaign.plan import Plan
+from sitl.campaign.vehicle_flights import fly_range as fly_vehicles
+from sitl.campaign.vehicle_flights import vehicle_of
+from sitl.campaign.vehicle_plan import VehiclePlan
 from sitl.compiled import compiled
+
+#: A campaign of ideal bodies, or of vehicles.
+AnyPlan = Plan | VehiclePlan
 
 #: Flights that one thread takes at a time, at most: so few that a progress bar moves.
 CHUNK: Final = 4096
@@ -24,15 +30,17 @@ CHUNK: Final = 4096
 
 @dataclass(frozen=True)
 class Result:
-    """What a campaign found: those `PARAMETERS` that vary, by name, and `outcomes` (n, OUTCOMES)."""
+    """What a campaign found: those of `plan.columns` that vary, and `outcomes` (n, plan.outcomes)."""
 
-    plan: Plan
+    plan: AnyPlan
     parameters: dict[str, Rows]
     outcomes: Rows
 
     def outcome(self, name: str) -> Rows:
-        """One column of the outcomes."""
-        return self.outcomes[:, OUTCOMES.index(name)]
+        """One column of the outcomes; NaN if the plan's flights have no such."""
+        if name not in self.plan.outcomes:
+            return np.full(len(self.outcomes), np.nan)
+        return self.outcomes[:, self.plan.outcomes.index(name)]
 
     def converged(self) -> NDArray[np.bool_]:
         """Which flights got below the radius and stayed there."""
@@ -44,17 +52,26 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def memory_bytes(plan: Plan) -> int:
+def memory_bytes(plan: AnyPlan) -> int:
     """What its result takes."""
-    return 8 * plan.flights * (len(plan.varying()) + len(OUTCOMES))
+    return 8 * plan.flights * (len(plan.varying()) + len(plan.outcomes))
 
 
-def fly_range(plan: Plan, first: int, count: int) -> tuple[Rows, Rows]:
+def steps(plan: AnyPlan) -> int:
+    """Of all its flights, the law's; raises ValueError if the plan cannot be flown."""
+    if isinstance(plan, Plan):
+        return plan.flights * plan.steps
+    return plan.flights * round(plan.duration_s / vehicle_of(plan).dt_s)
+
+
+def fly_range(plan: AnyPlan, first: int, count: int) -> tuple[Rows, Rows]:
     """Parameters and outcomes of flights `first` to `first + count - 1`.
 
     They are a function of these and the plan alone, so that a campaign can be cut anywhere, and each piece
     flown on another machine.
     """
+    if isinstance(plan, VehiclePlan):
+        return fly_vehicles(plan, first, count)
     parameters = np.zeros((count, len(PARAMETERS)))
     outcomes = np.zeros((count, len(OUTCOMES)))
     common = plan.common()
@@ -67,7 +84,7 @@ def fly_range(plan: Plan, first: int, count: int) -> tuple[Rows, Rows]:
 
 
 def run(
-    plan: Plan,
+    plan: AnyPlan,
     threads: int | None = None,
     chunk: int = CHUNK,
     on_progress: Callable[[int], object] = lambda flights: None,
@@ -77,7 +94,7 @@ def run(
     # Enough pieces for all threads to end at about the same time.
     chunk = max(1, min(chunk, -(-plan.flights // (4 * threads))))
     parameters = {name: np.zeros(plan.flights) for name in plan.varying()}
-    outcomes = np.zeros((plan.flights, len(OUTCOMES)))
+    outcomes = np.zeros((plan.flights, len(plan.outcomes)))
     fly_range(plan, 0, 1)  # compiled once, not by every thread
     with ThreadPoolExecutor(threads) as executor:
         pieces = {
@@ -90,7 +107,7 @@ def run(
                 flown, found = piece.result()
                 at = slice(first, first + len(flown))
                 for name, column in parameters.items():
-                    column[at] = flown[:, PARAMETERS.index(name)]
+                    column[at] = flown[:, plan.columns.index(name)]
                 outcomes[at] = found
                 on_progress(len(flown))
         except BaseException:
@@ -109,7 +126,7 @@ def save(results: list[Result], path: Path) -> None:
         name = result.plan.name
         columns[f"{name}/plan"] = json.dumps(result.plan.as_dict())
         columns |= {f"{name}/{column}": values for column, values in result.parameters.items()}
-        columns |= {f"{name}/{column}": result.outcome(column) for column in OUTCOMES}
+        columns |= {f"{name}/{column}": result.outcome(column) for column in result.plan.outcomes}
     with path.open("wb") as file:
         np.savez(file, **columns)
 

@@ -14,6 +14,7 @@ from rich.console import Console
 from guidance import __version__
 from guidance.command_cli import command
 from guidance.network_options import Connect, Listen, ZenohFile
+from guidance.tune_cli import tune
 
 _ROOT_HELP = """Guidance of forward-driven vehicles on SE(3) over MAVLink.
 
@@ -26,6 +27,7 @@ guidance check --config vehicle.toml                is all well? moves nothing
 guidance run --config vehicle.toml                  the service, for a real one
 guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
 guidance command uuv-1 engage                       an order, answered
+guidance tune --config vehicle.toml                 steps, and gains from them
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
 """
 
@@ -318,6 +320,7 @@ def check(
 
 
 app.command("command")(command)
+app.command("tune")(tune)
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from guidance.checking import Places, Problem, named, one_of, override, problems
 from guidance.connection import parse_connection as parse_connection
 from guidance.feasibility import infeasible
 from guidance.guard_limits import GuardsConfig, guard_conflicts
-from guidance.handling_config import GroundConfig
+from guidance.handling_config import ExcitationConfig, GroundConfig
 from guidance.mavlink.profiles import PROFILES, Handling, Profile
 from guidance.trajectory import Trajectory
 from guidance.tuning import LEAST_RATE_RAD_S, NonNegative, Positive, Speed, cannot_allocate, conflicts
@@ -136,6 +136,7 @@ class Config(_Section, frozen=True, kw_only=True):
     guards: GuardsConfig = GuardsConfig()
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
+    excitation: ExcitationConfig = ExcitationConfig()
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Config:
@@ -173,6 +174,8 @@ def parse(text: str, where: str, overrides: Sequence[str] = ()) -> Config:
         return f"{places.of(problem.key)}: {problem.key}{problem.text}"
 
     found = list(problems(data, Config))
+    if "excitation" in data:
+        found = [Problem("excitation", ": only `guidance tune` flies steps; take it out")]
     config: Config | None = None
     if not found:
         config = msgspec.convert(data, type=Config)

@@ -23,8 +23,11 @@ from guidance.geofence import Fence
 from guidance.guard_limits import GuardsConfig, leaves_after_s
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Asked
-from guidance.se3 import Quaternion, Vec3, dot, norm, roll_of, rotate, scale
+from guidance.se3 import Quaternion, Vec3, dot, norm, roll_of, rotate, scale, yaw_of
 from guidance.tracker import Solution, is_usable
+from guidance.tune import room
+from guidance.tune.excitation import Box
+from guidance.tune.way_back import Place
 
 #: Commands below this part of the limits may well have no visible effect.
 _COMMANDED: Final = 0.25
@@ -132,6 +135,8 @@ def _fence(look: Look) -> str | None:
         outside_m = look.fence.outside_m(look.state.pose.position)
         if outside_m > 0.0:
             return f"{outside_m:.1f} m outside the fence"
+    if look.config.excitation.runs:
+        return None if look.in_control else _without_room(look.fence, look.config.excitation.box, look.state)
     if look.origin_ned_m is None:
         return None
     ahead_s = look.guards.fence_ahead_s if look.in_control else look.guards.fence_plan_s
@@ -139,6 +144,20 @@ def _fence(look: Look) -> str | None:
         look.fence, look.config.trajectory, look.origin_ned_m, look.trajectory_s, ahead_s
     )
     return None if after_s is None else f"the trajectory leaves the fence in {after_s:.0f} s"
+
+
+def _without_room(fence: Fence, box: Box, state: Estimate | str) -> str | None:
+    if isinstance(state, str):
+        return None
+    at = state.pose.position
+    place = Place(at.x, at.y, yaw_of(state.pose.attitude))
+    outside_m = room.outside_m(fence, box, place, at.z)
+    if outside_m == 0.0:
+        return None
+    return (
+        f"the steps need {room.in_words(box)}, {outside_m:.0f} m of it outside: go elsewhere, turn, or "
+        f"guards.{room.fence_in_words(box, place)}"
+    )
 
 
 def _state(look: Look) -> str | None:

@@ -1,7 +1,7 @@
-"""[ground] of the configuration: what is done around the law for vehicles that drive.
+"""What a class of vehicles is asked for beside the law: [ground] of the configuration, and steps.
 
-Every key has a default that flies; one that is absent is taken from the autopilot's own parameters. Switched
-off are a function's numbers that are 0.
+Every key of [ground] has a default that flies; one that is absent is taken from the autopilot's own
+parameters. Switched off are a function's numbers that are 0.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from guidance.tune.excitation import Box, Run
 from guidance.tuning import NonNegative, Positive, Section
 
 
@@ -28,3 +29,18 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     speed_lag_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.45
     waits: bool = False
     stuck_s: Annotated[float, Meta(ge=0.0, le=60.0)] = 3.0
+
+
+class ExcitationConfig(Section, frozen=True, kw_only=True):
+    """Steps in place of the law; `guidance tune` makes it, no file may. Without runs there are none.
+
+    Runs start from one place, to which the law leads back at `back_m_s` with turns of `back_radius_m`. A
+    vehicle that `stops` is at rest there, and comes to rest within `stop_m`. All of it stays in `box`.
+    """
+
+    runs: tuple[Run, ...] = ()
+    box: Box = Box(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    back_m_s: float = 0.0
+    back_radius_m: float = 0.0
+    stops: bool = False
+    stop_m: float = 0.0

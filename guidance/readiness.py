@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config, Link
@@ -10,8 +12,12 @@ from guidance.estimate import ATTITUDES, POSITIONS, Estimate
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Profile, fitting
 from guidance.records import StreamStatus
+from guidance.se3 import norm
 from guidance.tracker import Tracker
 from guidance.view import STALLED_S
+
+#: Slower than this it stands; an estimator's noise is less.
+STANDS_M_S: Final = 0.5
 
 
 def young(estimate: Estimate | None, config: Link, now_ns: int) -> Estimate | str:
@@ -87,6 +93,9 @@ def first_unmet(
         if error_m > limit_m:
             place = "the start" if tracker.paused_s is None else "where the flight was held"
             return f"{error_m:.1f} m from {place}, engage_max_error_m is {limit_m:g}: go closer"
+        speed_m_s = norm(estimate.velocity_ned_m_s)
+        if config.excitation.stops and speed_m_s > STANDS_M_S:
+            return f"it moves at {speed_m_s:.1f} m/s, and steps begin at rest: let it stand"
     return None
 
 

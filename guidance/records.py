@@ -195,6 +195,22 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
     stall_guard: bool
 
 
+class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
+    """One step of a tuning flight (`guidance.flying.excited`): `into_s` into `phase` of `run`.
+
+    While it is "stepping", `channel` is measured: `measured` at `measured_ns`, moved by `push` a second
+    beside what is asked for.
+    """
+
+    run: str
+    phase: str
+    into_s: float
+    channel: str = ""
+    measured: float = 0.0
+    measured_ns: int = 0
+    push: float = 0.0
+
+
 class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     """The supervisor: its state, since when, why, and what it knows of the vehicle's mode.
 
@@ -343,6 +359,7 @@ TOPICS: Final[dict[type[Record], str]] = {
     TrackingError: "error",
     GroundHandling: "ground",
     AirplaneHandling: "airplane",
+    Stepping: "stepping",
     Status: "status",
     Link: "link",
     Parameters: "parameters",

@@ -49,7 +49,11 @@ CHOICES: Final[dict[str, dict[str, type[msgspec.Struct]]]] = {
 }
 ABSENT: Final = re.compile(r"Absent: .+\.$")
 #: The table of a class of vehicles is in the examples of that class only.
-CLASS_OF: Final = {"ground": Handling.GROUND, "airplane": Handling.AIRPLANE}
+CLASS_OF: Final = {
+    "ground": Handling.GROUND,
+    "airplane": Handling.AIRPLANE,
+    "excitation": None,  # what no file may say
+}
 
 
 class Key(NamedTuple):

@@ -5,13 +5,19 @@ from __future__ import annotations
 from guidance.config import Config
 from guidance.flying import Handler
 from guidance.flying.airplane import Airplane
+from guidance.flying.excited import Excited
 from guidance.flying.ground import Ground
 from guidance.flying.rates import Rates
 from guidance.mavlink.profiles import Handling, Profile
 
 
 def handler_of(config: Config, profile: Profile) -> Handler:
-    """A new one, for a checked configuration."""
+    """A new one, for a checked configuration; around it the steps, if it has any."""
+    own = _own(config, profile)
+    return Excited(own, config.excitation) if config.excitation.runs else own
+
+
+def _own(config: Config, profile: Profile) -> Handler:
     match profile.handling:
         case Handling.GROUND if config.ground.enabled:
             return Ground(config)

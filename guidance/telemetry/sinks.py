@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol, runtime_checkable
 
 import msgspec
 
@@ -21,6 +21,14 @@ from guidance.telemetry.zenoh_orders import HandOver
 from guidance.telemetry.zenoh_sink import ZenohSink
 
 _NUMBERS: Final = re.compile(r"\d+(\.\d+)?")
+
+
+@runtime_checkable
+class TakesOrders(Protocol):
+    """A sink by which orders come."""
+
+    def orders_to(self, hand_over: HandOver) -> None:
+        """Whom they are handed to."""
 
 
 class Sinks:
@@ -46,7 +54,7 @@ class Sinks:
     def orders_to(self, hand_over: HandOver) -> None:
         """Whom orders are handed to that come by a sink; before the start."""
         for sink in self._sinks.values():
-            if isinstance(sink, ZenohSink):
+            if isinstance(sink, TakesOrders):
                 sink.orders_to(hand_over)
 
     @property

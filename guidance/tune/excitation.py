@@ -185,11 +185,15 @@ def space_needed(runs: Iterable[Run], speed_m_s: float) -> Box:
     box = Box(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for run in runs:
         for turns in TURNS:
-            for ahead, right, down in _path(run, speed_m_s, turns):
-                seen = Box(ahead, -ahead, right, -right, -down, down)
-                box = Box(*map(max, box, seen))
+            for ahead, right, down, _ in path(run, speed_m_s, turns):
+                box = with_place(box, ahead, right, down)
     margin_m = MARGIN_M + MARGIN_S * speed_m_s
     return Box(*(side + margin_m for side in box))
+
+
+def with_place(box: Box, ahead_m: float, right_m: float, down_m: float = 0.0) -> Box:
+    """The box, enlarged to hold this place."""
+    return Box(*map(max, box, (ahead_m, -ahead_m, right_m, -right_m, -down_m, down_m)))
 
 
 def corners_ned_m(
@@ -212,8 +216,9 @@ def _pairs(sizes: Sequence[float], away_s: float, back_s: float, about: float = 
     return tuple(hold for value in values for hold in (Hold(away_s, value), Hold(back_s, about)))
 
 
-def _path(run: Run, airspeed_m_s: float, turns: float) -> Iterable[tuple[float, float, float]]:
-    """Ahead, right and down of the start, m, of a vehicle that does at once what it is asked."""
+def path(run: Run, airspeed_m_s: float, turns: float) -> Iterable[tuple[float, float, float, float]]:
+    """Ahead, right and down of the start, m, and heading, rad, of a vehicle that does at once what it is
+    asked, but turns by this part of it."""
     x = y = z = heading = 0.0
     rest = demand_at(run, 0.0)
     for n in range(round((run.lasts_s + COASTS_S) / STEP_S)):
@@ -228,4 +233,4 @@ def _path(run: Run, airspeed_m_s: float, turns: float) -> Iterable[tuple[float, 
         x += (speed * cos(heading) + FASTER * asked.get("north_m_s", 0.0)) * STEP_S
         y += (speed * sin(heading) + FASTER * asked.get("east_m_s", 0.0)) * STEP_S
         z += FASTER * asked.get("down_m_s", 0.0) * STEP_S
-        yield x, y, z
+        yield x, y, z, heading

@@ -206,26 +206,6 @@ class BatteryStatus(NamedTuple):
     charge_state: int
 
 
-class VfrHud(NamedTuple):
-    """VFR_HUD (74): airspeed, m/s, indicated or of the estimator; NaN or 0 where there is none."""
-
-    airspeed: float
-
-
-class Wind(NamedTuple):
-    """WIND (168) of ArduPilot: degrees from north that it blows from, and m/s."""
-
-    direction: float
-    speed: float
-
-
-class WindCov(NamedTuple):
-    """WIND_COV (231) of PX4: where it blows to, NED, m/s; NaN where it is not known."""
-
-    wind_x: float
-    wind_y: float
-
-
 class EstimatorStatus(NamedTuple):
     """ESTIMATOR_STATUS (230) of PX4: bits of ESTIMATOR_STATUS_FLAGS."""
 
@@ -278,9 +258,6 @@ Body = (
     | StatusText
     | SysStatus
     | BatteryStatus
-    | VfrHud
-    | Wind
-    | WindCov
     | EstimatorStatus
     | EkfStatusReport
     | ParamValue
@@ -306,9 +283,6 @@ _READ: Final[dict[str, type[Body]]] = {
     "STATUSTEXT": StatusText,
     "SYS_STATUS": SysStatus,
     "BATTERY_STATUS": BatteryStatus,
-    "VFR_HUD": VfrHud,
-    "WIND": Wind,
-    "WIND_COV": WindCov,
     "ESTIMATOR_STATUS": EstimatorStatus,
     "EKF_STATUS_REPORT": EkfStatusReport,
     "PARAM_VALUE": ParamValue,

@@ -224,16 +224,21 @@ def test_absurd_parameters_never_become_a_flight(key: str, value: float, tmp_pat
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
-        (["trajectory.radius_m=15"], "deg needed at t = 0 s"),
-        (["trajectory.speed_m_s=13.9", "airplane.throttle_cruise=0.9"], "what full throttle holds"),
-        (["trajectory.speed_m_s=10.6", "trajectory.radius_m=16"], "the least airspeed"),
+        (["trajectory.radius_m=15"], "bank: 44.4 deg needed at t = 0 s"),
+        (
+            ["trajectory.speed_m_s=13.9", "airplane.throttle_cruise=0.9"],
+            "13.015 m/s available (what full throttle holds)",
+        ),
+        (
+            ["trajectory.speed_m_s=10.6", "trajectory.radius_m=16"],
+            "at least 10 m/s available (the least airspeed)",
+        ),
     ],
 )
 def test_what_it_cannot_fly_is_refused_with_numbers(settings: list[str], text: str) -> None:
     why = Airplane(shipped("px4-plane", *settings)).fit({})
     assert why is not None
     assert text in why
-    assert "t = 0 s" in why
 
 
 # What is heard ---------------------------------------------------------------------------------------

@@ -257,8 +257,9 @@ LOITERING: Final = {"px4-plane": "AUTO.LOITER", "ardupilot-plane": "LOITER"}
 
 
 def vehicle_flight(path: Path, config: Config, **options: Any) -> Lockstep:
-    if path.stem in LOITERING:
-        options["initial_position_ned_m"] = (0.0, 0.0, -200.0)  # it is taken over in the air
+    if path.stem in LOITERING:  # an airplane is taken over in the air; one that is not armed there falls
+        options["initial_position_ned_m"] = (0.0, 0.0, -200.0)
+        options |= {"initially_armed": True, "initial_mode": LOITERING[path.stem]}
     return make_flight(config=config, model=FLOWN[path.stem][0], **options)
 
 
@@ -276,9 +277,8 @@ def converges(path: Path, flight: Lockstep, seconds: float) -> None:
 def test_it_flies_as_it_is_shipped(path: Path) -> None:
     config = load(path)
     assert (config.supervisor.engage, config.supervisor.arm) == ("pilot", False)
-    airborne = path.stem in LOITERING  # an airplane that is not armed there would fall
-    options = {"initially_armed": True, "initial_mode": LOITERING[path.stem]} if airborne else {}
-    flight = vehicle_flight(path, config, **options)
+    airborne = path.stem in LOITERING
+    flight = vehicle_flight(path, config)
     pilot = Pilot(flight)
     fly_until(flight, State.READY, 3.0)
     flight.run(5.0)
@@ -291,20 +291,28 @@ def test_it_flies_as_it_is_shipped(path: Path) -> None:
     converges(path, flight, 30.0)
 
 
+def unattended(path: Path, **options: Any) -> Lockstep:
+    """In control, without a pilot; but nobody takes an airplane over that flies, unless the pilot says so."""
+    airborne = path.stem in LOITERING
+    config = load(path, [] if airborne else ["supervisor.engage=auto", "supervisor.arm=true"])
+    flight = vehicle_flight(path, config, **options)
+    if airborne:
+        fly_until(flight, State.READY, 3.0)
+        flight.run(1.0)  # PX4 wants the stream first
+        Pilot(flight).switch("control")
+    fly_until_tracking(flight)
+    return flight
+
+
 @EACH
 def test_it_flies_unattended(path: Path) -> None:
-    flight = vehicle_flight(path, load(path, ["supervisor.engage=auto", "supervisor.arm=true"]))
-    fly_until_tracking(flight)
-    converges(path, flight, 30.0)
+    converges(path, unattended(path), 30.0)
 
 
 @EACH
 @pytest.mark.parametrize("yaw_deg", [-90.0, 90.0, 180.0])
 def test_it_arrives_whichever_way_it_faces(path: Path, yaw_deg: float) -> None:
-    config = load(path, ["supervisor.engage=auto", "supervisor.arm=true"])
-    flight = vehicle_flight(path, config, initial_yaw_rad=math.radians(yaw_deg))
-    fly_until_tracking(flight)
-    converges(path, flight, 40.0)
+    converges(path, unattended(path, initial_yaw_rad=math.radians(yaw_deg)), 40.0)
 
 
 def test_the_demo_flies() -> None:

@@ -245,7 +245,8 @@ def _effect(look: Look) -> str | None:
     fastest = max(limits.roll_rate_max_rad_s, limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
     if asked <= _COMMANDED * fastest:
         return None
-    turning = dot(twist.angular, scale(1.0 / asked, rates))
+    # as measured: the predicted rates are those that were sent
+    turning = dot(look.state.attitude.body_rates_frd_rad_s, scale(1.0 / asked, rates))
     return None if turning >= _EFFECT * asked else f"{turning:.1f} of {asked:.1f} rad/s: no effect"
 
 

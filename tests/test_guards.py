@@ -13,6 +13,7 @@ from guidance.records import Event, Level, Packet
 from guidance.supervisor import State
 from sitl.lockstep import Channel, Lockstep
 from sitl.plant import PlantParameters
+from sitl.vehicle.controls import Effect
 from tests.helpers import (
     PERFECT,
     events_of,
@@ -237,6 +238,16 @@ def test_setpoints_without_effect_end_the_flight(firmware: tuple[str, ...]) -> N
     flight = make_flight(*firmware, *AUTO, plant=stuck)
     fly_until(flight, State.TRACKING)
     assert "no effect" in assert_ended(flight, "effect", 6.0)
+
+
+@BOTH
+def test_rates_without_effect_are_seen_behind_a_prediction(firmware: tuple[str, ...]) -> None:
+    """Predicted rates are those that were sent: with a delay they say nothing of the vehicle."""
+    flight = make_flight(*firmware, *AUTO, "link.actuation_delay_s=0.1", "guards.effect_s=2")
+    fly_until(flight, State.TRACKING)
+    flight.run(2.0)
+    flight.vehicle.refit(flight.now_ns, effect=Effect(yaw=0.0, pitch=0.0))
+    assert "rad/s: no effect" in assert_ended(flight, "effect", 15.0)
 
 
 @BOTH

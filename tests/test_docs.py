@@ -6,6 +6,7 @@ import importlib
 import re
 import shlex
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
@@ -154,11 +155,7 @@ def is_autopilot_word(text: str) -> bool:
     """A parameter that the code knows, or a message."""
     if not re.fullmatch(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*", text):
         return False
-    return (
-        bool(re.search(rf"\b{text}\b", SOURCES))
-        or f"MAVLINK_MSG_ID_{text}" in vars(dialect)
-        or text == "PROFILE"
-    )
+    return bool(re.search(rf"\b{text}\b", SOURCES)) or f"MAVLINK_MSG_ID_{text}" in vars(dialect)
 
 
 def is_guard(text: str) -> bool:
@@ -253,10 +250,20 @@ def test_columns_of_tables_hold_what_they_are_titled(page: Path) -> None:
         for title, check in checks.items():
             for span in spans(row.get(title, "")):
                 assert check(span), f"{title}: {span}"
-        for span in spans(row.get("look at", "")):
-            assert is_field(span), span
+        for title, cell in row.items():
+            if title.endswith("look at"):
+                assert all(map(is_field, spans(cell))), cell
         rows += 1
     assert rows > 10
+
+
+@EACH
+def test_no_line_of_a_paragraph_reads_as_a_list_or_a_title(page: Path) -> None:
+    """A formula that is wrapped at its plus does."""
+    lines = blocks_of(page)[0].splitlines()
+    for before, line in pairwise(lines):
+        if before and not re.match(r"(-|\d\.| ) |#", before):
+            assert not re.match(r"(\+|\*|-|\d+[.)]|#+) |[=-]+$", line), line
 
 
 @EACH

@@ -221,7 +221,7 @@ def _tilt(look: Look) -> str | None:
     limit = look.guards.tilt_max_deg
     if limit is None or isinstance(look.state, str):
         return None
-    down = rotate(look.state.pose.attitude, Vec3(0.0, 0.0, 1.0)).z
+    down = rotate(look.state.seen.attitude, Vec3(0.0, 0.0, 1.0)).z
     tilt_deg = math.degrees(math.acos(min(max(down, -1.0), 1.0)))
     return None if tilt_deg <= limit else f"tilted by {tilt_deg:.0f} deg, above {limit:g} deg"
 

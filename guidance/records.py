@@ -81,6 +81,8 @@ class State(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
 
     The sources are the MAVLink messages in use. `resets` counts those found of the autopilot's estimator.
     `source_offset_m` is how far the position still is from what its source says, since a switch of sources.
+    `body_rates_frd_rad_s` are predicted, too, behind a delay by what was sent; the measured ones are the
+    vehicle's own.
     """
 
     position_ned_m: Triple
@@ -95,6 +97,7 @@ class State(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     vehicle_time_ms: int
     resets: int = 0
     source_offset_m: float = 0.0
+    measured_body_rates_frd_rad_s: Triple = (0.0, 0.0, 0.0)
 
 
 class Reference(Record, frozen=True, kw_only=True, gc=False):

@@ -87,6 +87,7 @@ def state_record(estimate: Estimate) -> State:
         vehicle_time_ms=estimate.attitude.boot_ms,
         resets=estimate.resets,
         source_offset_m=estimate.offset_m,
+        measured_body_rates_frd_rad_s=estimate.attitude.body_rates_frd_rad_s,
     )
 
 

@@ -8,8 +8,10 @@ from typing import Any, Final
 
 import pytest
 
+from guidance.guards import GUARDS
 from guidance.mavlink.messages import BatteryStatus
 from guidance.records import Event, Level, Packet
+from guidance.se3 import Pose, Vec3, quaternion_exp
 from guidance.supervisor import State
 from sitl.lockstep import Channel, Lockstep
 from sitl.plant import PlantParameters
@@ -212,6 +214,19 @@ def test_tilt_ends_the_flight() -> None:
     flight = make_flight(*AUTO, "guards.tilt_max_deg=20", initial_position_ned_m=start)
     fly_until(flight, State.TRACKING)
     assert "above 20 deg" in assert_ended(flight, "tilt", 10.0)
+
+
+def test_a_tilt_is_one_that_was_seen_not_one_that_is_expected() -> None:
+    """A late airplane that rolls would be upside down by the time its setpoint acts, by its rates alone."""
+    flight = make_flight(*AUTO, "guards.tilt_max_deg=20")
+    fly_until(flight, State.TRACKING)
+    level = flight.guide.steering.estimate(flight.now_ns)
+    assert not isinstance(level, str)
+    tilt = next(guard for guard in GUARDS if guard.name == "tilt")
+    over = Pose(level.pose.position, quaternion_exp(Vec3(2.0, 0.0, 0.0)))
+    for estimate, ends in ((level._replace(pose=over), False), (level._replace(seen=over), True)):
+        look = flight.guide.guards._seen(estimate, flight.now_ns)
+        assert (tilt.exceeded(look) is not None) is ends
 
 
 @BOTH

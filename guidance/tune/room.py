@@ -13,6 +13,8 @@ from guidance.tune.way_back import Place
 
 #: The edge of the room is looked at in pieces of this length, m.
 LOOK_M: Final = 1.0
+#: An estimate wanders by less, and so do corners 50 m off with its heading.
+SPARE_M: Final = 2.0
 
 
 def outside_m(fence: Fence, box: Box, place: Place, down_m: float) -> float:
@@ -30,8 +32,9 @@ def in_words(box: Box) -> str:
 
 
 def fence_in_words(box: Box, place: Place) -> str:
-    """A line of [guards] that holds it."""
-    corners = ", ".join(f"[{n:.1f}, {e:.1f}]" for n, e in corners_ned_m(box, *place))
+    """A line of [guards] that holds it, and a start that is seen a little elsewhere."""
+    wide = Box(*(side + SPARE_M for side in box))
+    corners = ", ".join(f"[{n:.1f}, {e:.1f}]" for n, e in corners_ned_m(wide, *place))
     return f"fence_ned_m = [{corners}]"
 
 

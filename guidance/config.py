@@ -173,9 +173,10 @@ def parse(text: str, where: str, overrides: Sequence[str] = ()) -> Config:
                 return f"{named(setting)}: {problem.key}{problem.text}"
         return f"{places.of(problem.key)}: {problem.key}{problem.text}"
 
-    found = list(problems(data, Config))
     if "excitation" in data:
         found = [Problem("excitation", ": only `guidance tune` flies steps; take it out")]
+    else:
+        found = list(problems(data, Config))
     config: Config | None = None
     if not found:
         config = msgspec.convert(data, type=Config)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from guidance.tune.excitation import Box, Run
+from guidance.tune.excitation import SPEED, YAW_RATE, Box, Run
 from guidance.tuning import NonNegative, Positive, Section
 
 
@@ -34,13 +34,20 @@ class GroundConfig(Section, frozen=True, kw_only=True):
 class ExcitationConfig(Section, frozen=True, kw_only=True):
     """Steps in place of the law; `guidance tune` makes it, no file may. Without runs there are none.
 
-    Runs start from one place, to which the law leads back at `back_m_s` with turns of `back_radius_m`. A
-    vehicle that `stops` is at rest there, and comes to rest within `stop_m`. All of it stays in `box`.
+    Runs start from one place, at rest, to which the law leads back at `back_m_s` with turns of
+    `back_radius_m`, straight for the last `back_straight_m`; from that speed it comes to rest within
+    `stop_m`. All of it stays in `box`.
     """
 
     runs: tuple[Run, ...] = ()
     box: Box = Box(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     back_m_s: float = 0.0
     back_radius_m: float = 0.0
-    stops: bool = False
+    back_straight_m: float = 0.0
     stop_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(run.holds and run.channel in (YAW_RATE, SPEED) for run in self.runs):
+            raise ValueError("a run without holds, or of no channel that can be stepped")
+        if self.runs and not (self.back_m_s > 0.0 and self.back_radius_m > 0.0):
+            raise ValueError("steps without a way back")

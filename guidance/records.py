@@ -201,8 +201,7 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
 class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """One step of a tuning flight (`guidance.flying.excited`): `into_s` into `phase` of `run`.
 
-    While it is "stepping", `channel` is measured: `measured` at `measured_ns`, moved by `push` a second
-    beside what is asked for.
+    While it is "stepping", `channel` is measured: `measured` at `measured_ns`.
     """
 
     run: str
@@ -211,7 +210,6 @@ class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     channel: str = ""
     measured: float = 0.0
     measured_ns: int = 0
-    push: float = 0.0
 
 
 class Status(Record, frozen=True, kw_only=True, omit_defaults=True):

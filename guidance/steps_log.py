@@ -16,7 +16,7 @@ from guidance.telemetry.log import LogDamaged
 from guidance.telemetry.log_parts import PartMissing, read_run
 from guidance.telemetry.schema import RECORDS
 from guidance.tune.answer import Command, Sample
-from guidance.tune.excitation import Run
+from guidance.tune.excitation import SPEED, Run
 from guidance.tune.identify import Identified, Measurement, Refused, identified
 from guidance.tune.propose import Results
 
@@ -24,9 +24,6 @@ from guidance.tune.propose import Results
 NEEDED: Final = (TOPICS[Setpoint], TOPICS[Stepping])
 #: Of a run so much may be missing at its end: the periods of the slowest setpoints.
 MISSING_S: Final = 0.25
-#: Channels that the autopilot may lead, and those with a trim.
-_LED: Final = frozenset({"speed_m_s"})
-_TRIMMED: Final = frozenset({"roll_rad", "pitch_rad", "throttle"})
 
 
 class NoStepsError(Exception):
@@ -49,7 +46,7 @@ class _Flown:
         self.commands.append(Command(arrived_s, sent(record.channel, setpoint)))
         seen_s = (record.measured_ns - self.zero_ns) * 1e-9
         if not self.samples or seen_s > self.samples[-1].at_s:  # else nothing new was measured
-            self.samples.append(Sample(seen_s, record.measured, record.push))
+            self.samples.append(Sample(seen_s, record.measured))
 
 
 def results_of(config: Config, records: Iterable[Record]) -> Results:
@@ -106,6 +103,5 @@ def _answer(run: Run, flown: _Flown | None) -> Identified | Refused:
         return Refused("its run was not flown")
     if flown.until_s < run.lasts_s - MISSING_S:
         return Refused(f"its run ended after {flown.until_s:.1f} of {run.lasts_s:.1f} s")
-    return identified(
-        Measurement(flown.commands, flown.samples, offset=run.channel in _TRIMMED, led=run.channel in _LED)
-    )
+    # an autopilot may lead its command of the speed
+    return identified(Measurement(flown.commands, flown.samples, led=run.channel == SPEED))

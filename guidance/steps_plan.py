@@ -30,7 +30,7 @@ LATERAL_M_S2: Final = 1.0
 WIDER: Final = 2.0
 #: Stopping begins so late, s, beside the configured delay.
 LAG_S: Final = 0.3
-#: Straight before the start, s at the way back's speed.
+#: Straight before the start, s at the way back's speed, so that the heading settles.
 STRAIGHT_S: Final = 2.0
 
 
@@ -88,13 +88,14 @@ def _ground(config: Config, speed_m_s: float | None) -> ExcitationConfig:
     runs = ground_runs(Ground(cruise, CRAWL_PART * cruise, top, turn, acceleration, radius))
     back = BACK_PART * cruise
     wide = max(WIDER * radius, back / (TURN_PART * turn), back * back / LATERAL_M_S2)
-    box = with_ways_back(space_needed(runs, 0.0), runs[:-1], wide, STRAIGHT_S * back)
+    straight = STRAIGHT_S * back
+    box = with_ways_back(space_needed(runs, 0.0), runs[:-1], wide, straight)
     return ExcitationConfig(
         runs=runs,
         box=box._replace(up_m=0.0, down_m=0.0),
         back_m_s=back,
         back_radius_m=wide,
-        stops=True,
+        back_straight_m=straight,
         stop_m=back * (0.5 * back / acceleration + config.link.actuation_delay_s + LAG_S),
     )
 

@@ -46,6 +46,7 @@ BY_HAND = [c for c in COMMANDS if c.startswith(".venv/bin/sitl vehicle") or "run
 DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]
 REPLAYS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance replay")]
 CHECKS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance check")]
+TUNES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance tune")]
 WATCHES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance watch")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
 ORDERS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance command")]
@@ -80,6 +81,7 @@ def test_every_command_is_run_by_a_test_here() -> None:
             *BY_HAND,
             *DEMOS,
             *CHECKS,
+            *TUNES,
             *REPLAYS,
             *WATCHES,
             *PAPER,
@@ -130,6 +132,15 @@ def test_a_check_without_a_vehicle_says_so(command: str, tmp_path: Path) -> None
     outcome = CliRunner().invoke(guidance_cli.app, [*words(command), *silent, "--seconds", "1"])
     assert outcome.exit_code == 1, outcome.output
     assert "no bytes yet" in outcome.output
+
+
+@pytest.mark.parametrize("command", TUNES)
+def test_tuning_says_what_it_will_do_and_asks(command: str) -> None:
+    """What is flown after a yes, and written, is in test_tune_flight and test_tune_command."""
+    outcome = CliRunner().invoke(guidance_cli.app, words(command), input="no\n")
+    assert outcome.exit_code == 1, outcome.output
+    assert "It needs 44 m ahead" in outcome.output
+    assert "not flown" in outcome.output
 
 
 @pytest.mark.parametrize("command", REPLAYS)

@@ -256,7 +256,7 @@ def a_submarine() -> None:
 
 
 def in_a_file() -> None:
-    load(SHIPPED, ("excitation.stops=true",))
+    load(SHIPPED, ("excitation.stop_m=1.0",))
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,7 @@
 """Steps in place of the law, for `guidance tune`: each run from one place, with a way back to it in between.
 
-What a run names is asked for as it says; whatever else the vehicle needs (an airplane's height and speed) its
-own handler asks for, and it alone drives the way back. Nothing here is privileged: the pilot, the guards and
-the profile's clamps stand above it as above any other handler.
+A run asks for what it says, and the vehicle's own handler drives the way back. Nothing here is privileged:
+the pilot, the guards and the profile's clamps stand above it as above any other handler.
 """
 
 from __future__ import annotations
@@ -29,8 +28,6 @@ from guidance.tune.way_back import Path, Place, way_back
 REST_M_S: Final = 0.3
 REST_S: Final = 1.0
 REST_LONGEST_S: Final = 6.0
-#: Seconds of straight flight before the place where a run begins: the heading settles.
-STRAIGHT_S: Final = 2.0
 
 
 class Phase(StrEnum):
@@ -143,8 +140,7 @@ class Excited:
     def _go_back(self, here: Place, now_ns: int) -> None:
         assert self._place is not None
         excitation = self._excitation
-        straight_m = STRAIGHT_S * excitation.back_m_s
-        self._way = way_back(here, self._place, excitation.back_radius_m, straight_m)
+        self._way = way_back(here, self._place, excitation.back_radius_m, excitation.back_straight_m)
         self._inner.start()
         self._enter(Phase.RETURNING, now_ns)
 
@@ -171,7 +167,7 @@ class Excited:
         demand = self._inner.neutral(estimate)
         run = self._excitation.runs[self._number]
         if self._phase is Phase.STEPPING:
-            demand = asked(demand, estimate, demand_at(run, into_s))
+            demand = asked(demand, demand_at(run, into_s))
         rates = demand.body_rates_frd_rad_s
         controls = Controls(*rates, demand.speed_m_s)
         # nothing is tracked: the fence, not an error, bounds a run
@@ -193,7 +189,6 @@ class Excited:
             channel=run.channel,
             measured=seen.value,
             measured_ns=seen.instant_ns,
-            push=seen.push,
         )
 
     @staticmethod

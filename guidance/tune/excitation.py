@@ -14,6 +14,10 @@ from itertools import accumulate
 from math import cos, radians, sin, tan
 from typing import Final, NamedTuple
 
+#: Channels of vehicles that drive.
+YAW_RATE: Final = "yaw_rate_rad_s"
+SPEED: Final = "speed_m_s"
+
 GRAVITY_M_S2: Final = 9.80665
 #: Of what a limit allows, a step takes at most this part.
 PART: Final = 0.5
@@ -122,8 +126,8 @@ def ground_runs(limits: Ground) -> tuple[Run, ...]:
     # not back to rest: there an autopilot lets go, which is another answer
     along = (Hold(LEAD_S, 0.0), Hold(start_s, crawl), *up_down, *up_down)
     return (
-        Run("yaw rate", "yaw_rate_rad_s", yaw, (("speed_m_s", speed),)),
-        Run("speed", "speed_m_s", along, (("yaw_rate_rad_s", 0.0),)),
+        Run("yaw rate", YAW_RATE, yaw, ((SPEED, speed),)),
+        Run("speed", SPEED, along, ((YAW_RATE, 0.0),)),
     )
 
 

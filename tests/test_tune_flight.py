@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from guidance.commands import Hold, Resume, Shutdown
 from guidance.config import Config, ConfigError, load
 from guidance.flying.excited import Phase
-from guidance.records import Record, Stepping
+from guidance.records import Record, Setpoint, Stepping
 from guidance.replay import replay as replayed
 from guidance.steps_log import read_log, results_of
 from guidance.steps_plan import known, planned
@@ -140,6 +140,20 @@ def test_its_log_replays_to_the_bit_and_identifies_the_same(flown: Flight) -> No
     config, records = read_log(flown.log)
     assert config == flown.config
     assert results_of(config, records) == flown.results
+
+
+def test_only_the_last_attempt_at_a_run_counts(flown: Flight) -> None:
+    minute = 60_000_000_000
+    first: list[Record] = []
+    for record in flown.records:
+        if isinstance(record, Setpoint):
+            first.append(replace(record, t_ns=record.t_ns - minute))
+        elif isinstance(record, Stepping):
+            seen_ns = record.measured_ns - minute
+            first.append(replace(record, t_ns=record.t_ns - minute, measured_ns=seen_ns, measured=9.0))
+            if record.phase == Phase.STEPPING and record.into_s > 7.0:
+                break
+    assert results_of(flown.config, [*first, *flown.records]) == flown.results
 
 
 def test_a_speed_that_is_wrong_by_a_third_is_found() -> None:

@@ -339,11 +339,11 @@ def rows(report: Report) -> list[tuple[str, str, str]]:
             f"at most {GOAL_COMPILE_S} s {_VERDICT[compile_s <= GOAL_COMPILE_S]}",
         ),
         ("first flight, cached", f"{report['cached_s']:.1f} s", ""),
-        ("rover with its handling", f"{report['rover_flights_per_s']:.0f} flights/s", "of 60 s, 40 Hz"),
+        ("rover with its handling", f"{report['rover_flights_per_s']:.0f} flights/s", "60 s at 40 Hz"),
         (
             "airplane with its handling",
             f"{report['airplane_flights_per_s']:.0f} flights/s",
-            "of 120 s, 50 Hz",
+            "120 s, 50 Hz",
         ),
     ]
 

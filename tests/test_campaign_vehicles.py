@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +28,7 @@ from sitl.scenarios import rover as tasks
 
 pytestmark = pytest.mark.timeout(180)  # the first of these compiles, and other work may keep the machine busy
 
+ROOT: Final = Path(__file__).parents[1]
 ROVER: Final = changed(rover(6, seed=5)[0], {"duration_s": 8.0})
 AIRPLANE: Final = changed(airplane(4, seed=5)[0], {"duration_s": 6.0})
 #: Nothing is wrong, but for the estimator's noise.
@@ -168,7 +170,7 @@ def test_a_delay_is_never_negative() -> None:
 
 
 def test_the_shipped_rover_converges_whatever_is_wrong_but_for_half_its_slew() -> None:
-    """The one weak place: a yaw rate that changes half as fast as configured, and overdone by a tenth."""
+    """A yaw rate that changes half as fast as configured, and is overdone as well, ends in a limit cycle."""
     plan = changed(rover(40, seed=3)[0], {"slew": (0.7, 1.5)})
     assert summary(run(plan))["converged"] == 1.0
     weak = {"gain": 1.28, "slew": 0.51, "delay_s": 0.04, "off_rad": -2.9}
@@ -360,3 +362,11 @@ def vars_of(plan: VehiclePlan) -> dict[str, object]:
 
 def is_pair(value: object) -> bool:
     return isinstance(value, tuple) and len(value) == 2
+
+
+def test_the_plan_in_the_readme_has_every_key_with_its_default(tmp_path: Path) -> None:
+    blocks = (ROOT / "README.md").read_text(encoding="utf-8").split("```toml\n")[1:]
+    text = next(block.split("```")[0] for block in blocks if "off_deg" in block)
+    (tmp_path / "plan.toml").write_text(text)
+    assert read_plan(tmp_path / "plan.toml") == VehiclePlan(profile="ardupilot-rover")
+    assert set(tomllib.loads(text)) == set(VehiclePlan.__struct_fields__)

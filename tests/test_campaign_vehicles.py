@@ -59,7 +59,7 @@ def test_a_compiled_airplane_is_the_interpreted_one() -> None:
         assert_allclose(vehicle.flown(plan, i, draw), plain, rtol=0.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("count", [0, 1, 3, 40, 200])
+@pytest.mark.parametrize("count", [0, 1, 3, 40, 66, 200])
 def test_the_prediction_is_that_of_the_service(count: int) -> None:
     dice = np.random.default_rng(count)
     history = NOTHING_SENT
@@ -138,6 +138,7 @@ def test_what_is_drawn_fills_its_ranges() -> None:
     assert np.abs(rows["off_rad"]).max() == pytest.approx(math.pi, abs=0.01)
     assert np.mean(rows["off_rad"]) == pytest.approx(0.0, abs=0.1)
     assert np.mean(rows["right_m"]) == pytest.approx(0.0, abs=5.0)
+    assert np.mean(rows["ahead_m"]) == pytest.approx(0.0, abs=5.0)
     assert np.mean(rows["wind_north_m_s"]) == pytest.approx(0.0, abs=0.2)
     assert np.mean(rows["distance_m"] > 150.0 / math.sqrt(2.0)) == pytest.approx(0.5, abs=0.03)
     assert_allclose(rows["gusts_m_s"], 0.16 * rows["wind_m_s"])
@@ -152,6 +153,19 @@ def test_everything_that_is_drawn_changes_the_flight(plan: VehiclePlan, name: st
     wrong = {**right, name: right[name] + 0.1}
     same = np.array_equal(vehicle.flown(plan, 0, right), vehicle.flown(plan, 0, wrong))
     assert same == still  # a rover's wheels feel no wind
+
+
+@pytest.mark.parametrize("plan", [ROVER, AIRPLANE], ids=["rover", "airplane"])
+def test_each_flight_has_noise_of_its_own(plan: VehiclePlan) -> None:
+    vehicle = vehicle_of(plan)
+    assert not np.array_equal(vehicle.flown(plan, 0, RIGHT), vehicle.flown(plan, 1, RIGHT))
+
+
+def test_a_delay_that_is_known_is_predicted_by_what_was_sent() -> None:
+    settings = (*tasks.ON_A_CIRCLE, "link.actuation_delay_s=0.3")
+    plan = VehiclePlan(profile="ardupilot-rover", settings=settings, duration_s=30.0)
+    found = [outcomes_of(plan, i, {**RIGHT, "delay_s": 0.2})["rms_m"] for i in range(4)]
+    assert max(found) < 0.036
 
 
 def test_wind_moves_a_boat() -> None:
@@ -204,6 +218,10 @@ def test_what_came_of_a_flight() -> None:
     assert found["reverse_m_s"] == 5.0
     assert found["finite"] == 1.0
     assert math.isnan(found["airspeed_min_m_s"])
+
+    patient = changed(plan, {"settling_s": 0.0})
+    late = dict(zip(OUTCOMES, judged(patient, record, columns, 1.0), strict=True))
+    assert late["rms_m"] == pytest.approx(math.sqrt((0.25 + 0.16 + 0.09 + 0.04 + 0.36) / 5.0))
 
     record[-1, 0] = math.nan
     found = dict(zip(OUTCOMES, judged(plan, record, columns, 1.0), strict=True))

@@ -27,6 +27,7 @@ def as_quick_as(c: float | None, crazyflow_: float | None, monkeypatch: pytest.M
     monkeypatch.setattr(bench_campaign, "PLAN", small)
     monkeypatch.setattr(bench_campaign, "TOGETHER", small)
     monkeypatch.setattr(bench_campaign, "ROUNDS", 1)
+    monkeypatch.setattr(bench_campaign, "_flights_per_s", lambda plan, threads: plan.flights)
     monkeypatch.setattr(bench_campaign, "_first_flights", lambda: (1.0, 0.1))
 
     def rate(fly_all: Callable[[], object]) -> float:

@@ -84,7 +84,7 @@ def driven(part: float, wanted: list[float]) -> tuple[speed_loop.Memory, list[fl
     """A vehicle that drives `part` of what is asked, with the lag that the loop takes it to have."""
     memory, speed, seen = speed_loop.START, 0.0, []
     for value in wanted:
-        memory, asked = speed_loop.speed_step(LOOP, memory, value, speed, 0.0, 5.0, DT)
+        memory, asked = speed_loop.speed_step(LOOP, memory, value, speed, 0.0, 0.0, 5.0, DT)
         speed += DT / (LOOP.lag_s + DT) * (part * asked - speed)
         seen.append(speed)
     return memory, seen
@@ -115,14 +115,27 @@ def test_its_integral_rests_where_the_speed_is_at_its_end() -> None:
 def test_a_vehicle_that_does_not_move_does_not_fill_it_beyond_its_part() -> None:
     memory, seen = driven(0.0, [2.0] * 5000)
     assert memory.integral == LOOP.part
-    _, asked = speed_loop.speed_step(LOOP, memory, 2.0, 0.0, 0.0, 5.0, DT)
+    _, asked = speed_loop.speed_step(LOOP, memory, 2.0, 0.0, 0.0, 0.0, 5.0, DT)
     assert asked == pytest.approx(2.0 * (1.0 + LOOP.part) + 0.45 * 2.0)
     assert seen[-1] == 0.0
 
 
+def test_what_is_seen_late_is_not_missing() -> None:
+    """Over a line of half a second a rise of the speed is answered by nearly nothing but the rise."""
+    most = []
+    for known_s in (0.0, 0.5):
+        memory, speeds, asked, most_s = speed_loop.START, [0.0] * 26, 0.0, 0.0
+        for _ in range(200):
+            memory, asked = speed_loop.speed_step(LOOP, memory, 2.0, speeds[-26], known_s, 0.0, 5.0, DT)
+            speeds.append(speeds[-1] + DT / (LOOP.lag_s + DT) * (asked - speeds[-1]))
+            most_s = max(most_s, asked)
+        most.append(most_s - 2.0)
+    assert most[1] < 0.5 * most[0]
+
+
 def test_told_to_stand_it_asks_for_nothing() -> None:
-    memory = speed_loop.Memory(0.0, 0.5)
-    assert speed_loop.speed_step(LOOP, memory, 0.0, 0.3, -5.0, 5.0, DT)[1] == 0.0
+    memory = speed_loop.Memory(0.0, 0.0, 0.5)
+    assert speed_loop.speed_step(LOOP, memory, 0.0, 0.3, 0.0, -5.0, 5.0, DT)[1] == 0.0
 
 
 # --- waiting ---

@@ -87,6 +87,13 @@ def test_a_delay_that_nobody_knows_of_is_no_limit_cycle() -> None:
     assert fly(with_settings(CIRCLE, "link.actuation_delay_s=0")).rms_m < 0.06
 
 
+def test_a_slow_line_that_is_known_is_no_limit_cycle() -> None:
+    """200 ms more there and back: the clock filter measures them."""
+    figures = fly(replace(CIRCLE, link_delay_s=0.1))
+    assert figures.converged_s < 6.0
+    assert figures.max_m < 0.12
+
+
 def test_a_flight_is_twice_the_same_and_another_with_another_seed() -> None:
     short = task(ON_A_CIRCLE, (9.0, 0.0, 0.5 * pi), 4.0)
     assert fly(short) == fly(short)

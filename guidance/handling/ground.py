@@ -51,12 +51,14 @@ class Memory(NamedTuple):
 class Measured(NamedTuple):
     """World NED; `twist` in body axes (FRD), its linear part the velocity over ground.
 
-    Both are predicted, with the rates that were sent; `seen_yaw_rate_rad_s` is the one that was measured.
+    Both are predicted by `age_s`, with the rates that were sent; `seen_yaw_rate_rad_s` is the one that was
+    measured.
     """
 
     pose: Pose
     twist: Twist
     seen_yaw_rate_rad_s: float
+    age_s: float = 0.0
 
 
 class Demand(NamedTuple):
@@ -128,7 +130,14 @@ def ground_step(
     stepped = law.Memory(True, Controls(u.u1, u.u2, u.u3, speed))
 
     loop, asked = speed_loop.speed_step(
-        p.speed_loop, memory.speed_loop, speed, forward, limits.speed_min_m_s, limits.speed_max_m_s, dt
+        p.speed_loop,
+        memory.speed_loop,
+        speed,
+        forward,
+        measured.age_s,
+        limits.speed_min_m_s,
+        limits.speed_max_m_s,
+        dt,
     )
     still = stuck.stuck_step(p.stuck, memory.stuck, asked, forward, measured.seen_yaw_rate_rad_s, dt)
     yaw_rate = clamp(u.u3 / p.yaw_gain, -limits.yaw_rate_rad_s, limits.yaw_rate_rad_s)

@@ -73,6 +73,7 @@ class Ground:
         twist = Twist(Vec3(0.0, 0.0, estimate.twist.angular.z), velocity)
         turning = estimate.attitude.body_rates_frd_rad_s.z
         measured = Measured(pose, twist, turning, estimate.position_age_s)
+        waited_s = self.waited_s
         self._memory, demand, found = ground_step(
             self._parameters, self._memory, measured, reference, dt_s or self._period_s
         )
@@ -81,7 +82,7 @@ class Ground:
             t_ns=estimate.instant_ns,
             slip_rad=found.slip_rad,
             clock_rate=found.clock_rate,
-            waited_s=self._memory.waiting.waited_s,
+            waited_s=waited_s,
             speed_correction_m_s=found.speed_correction_m_s,
             crawling=found.crawling,
             slowed=found.slowed,

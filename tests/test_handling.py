@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from guidance.handling import slip, smoothing, speed_loop, stuck, waiting
-from guidance.handling.crawl import REST_PART, crawl_floor
+from guidance.handling.crawl import REST_PART, crawl_floor, rest_m_s
 from guidance.handling.saturation import kept_curvature
 from guidance.se3 import ZERO, Reference, Vec3
 from guidance.trajectory import circle
@@ -19,28 +19,37 @@ DT = 0.02
 
 # --- crawl ---
 
+REST = REST_PART * 0.8
+
 
 def test_a_vehicle_that_points_away_crawls() -> None:
-    assert crawl_floor(0.8, 3.0, -3.0, 0.0, inf, DT) == 0.8
-    assert crawl_floor(0.8, 3.0, 0.0, 0.0, inf, DT) == 0.8
+    assert crawl_floor(0.8, REST, 3.0, -3.0, 0.0, inf, DT) == 0.8
+    assert crawl_floor(0.8, REST, 3.0, 0.0, 0.0, inf, DT) == 0.8
 
 
 def test_the_crawl_fades_as_it_turns_into_the_field() -> None:
-    assert crawl_floor(0.8, 3.0, 1.5, 0.0, inf, DT) == pytest.approx(0.4)
-    assert crawl_floor(0.8, 3.0, 3.0, 0.0, inf, DT) == 0.0
+    assert crawl_floor(0.8, REST, 3.0, 1.5, 0.0, inf, DT) == pytest.approx(0.4)
+    assert crawl_floor(0.8, REST, 3.0, 3.0, 0.0, inf, DT) == 0.0
 
 
 def test_it_is_never_asked_for_more_than_the_field_and_rests_where_that_does() -> None:
-    rest = REST_PART * 0.8
-    assert crawl_floor(0.8, 0.5, 0.0, 0.0, inf, DT) == 0.5
-    assert crawl_floor(0.8, rest, -rest, 0.0, inf, DT) == 0.0
-    assert crawl_floor(0.8, 1.5 * rest, 0.0, 0.0, inf, DT) == pytest.approx(0.75 * rest)
-    assert crawl_floor(0.0, 3.0, -3.0, 0.0, inf, DT) == 0.0
+    assert crawl_floor(0.8, REST, 0.5, 0.0, 0.0, inf, DT) == 0.5
+    assert crawl_floor(0.8, REST, REST, -REST, 0.0, inf, DT) == 0.0
+    assert crawl_floor(0.8, REST, 1.5 * REST, 0.0, 0.0, inf, DT) == pytest.approx(0.75 * REST)
+    assert crawl_floor(0.0, 0.0, 3.0, -3.0, 0.0, inf, DT) == 0.0
 
 
 def test_the_floor_rises_no_faster_than_the_vehicle() -> None:
-    assert crawl_floor(0.8, 3.0, -3.0, 0.3, 1.0, DT) == pytest.approx(0.32)
-    assert crawl_floor(0.8, 3.0, -3.0, -2.0, 1.0, DT) == pytest.approx(0.02)
+    assert crawl_floor(0.8, REST, 3.0, -3.0, 0.3, 1.0, DT) == pytest.approx(0.32)
+    assert crawl_floor(0.8, REST, 3.0, -3.0, -2.0, 1.0, DT) == pytest.approx(0.02)
+
+
+def test_at_a_goal_that_stands_it_rests_within_its_turning_radius() -> None:
+    """Once at rest there, and the less of that the faster the goal is."""
+    assert rest_m_s(0.8, 1.0, 0.9, 0.0, 0.0) == 0.9
+    assert rest_m_s(0.8, 1.0, 0.9, 0.5, 0.0) == pytest.approx(0.4)
+    assert rest_m_s(0.8, 1.0, 0.9, 2.0, 0.0) == REST
+    assert rest_m_s(0.8, 1.0, 0.9, 0.0, 0.3) == REST
 
 
 # --- slip ---

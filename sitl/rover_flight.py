@@ -132,7 +132,7 @@ def fly(
         from_ns = step * STEP_NS
         pose, twist = predicted(sent_ns, sent_rad_s, n, seen.pose, seen.twist, from_ns, from_ns + ahead_ns)
         memory, demand, found = ground_step(
-            guide.ground, memory, measured_of(pose, twist, turning), _level(r), dt
+            guide.ground, memory, measured_of(pose, twist, turning, ahead_s), _level(r), dt
         )
         sent_ns[n % REMEMBERED] = from_ns + ahead_ns
         sent_rad_s[n % REMEMBERED] = found.law.controls.u3
@@ -218,14 +218,15 @@ def predicted(
     return compose(pose, moved_by(twist, (to_ns - at_ns) * 1e-9)), twist
 
 
-def measured_of(pose: Pose, twist: Twist, seen_yaw_rate_rad_s: float) -> Measured:
-    """What the guide is told of a prediction."""
+def measured_of(pose: Pose, twist: Twist, seen_yaw_rate_rad_s: float, age_s: float) -> Measured:
+    """What the guide is told of a prediction by `age_s`."""
     heading = from_yaw(yaw_of(pose.attitude))
     velocity = rotate(pose.attitude, twist.linear)
     return Measured(
         Pose(pose.position, heading),
         Twist(Vec3(0.0, 0.0, twist.angular.z), rotate_inverse(heading, velocity)),
         seen_yaw_rate_rad_s,
+        age_s,
     )
 
 

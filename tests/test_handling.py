@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from guidance.handling import slip, smoothing, speed_loop, stuck, waiting
-from guidance.handling.crawl import REST_PART, crawl_floor
+from guidance.handling.crawl import REST_PART, crawl_floor, rest_m_s
 from guidance.handling.saturation import kept_curvature
 from guidance.se3 import ZERO, Reference, Vec3
 from guidance.trajectory import circle
@@ -19,28 +19,37 @@ DT = 0.02
 
 # --- crawl ---
 
+REST = REST_PART * 0.8
+
 
 def test_a_vehicle_that_points_away_crawls() -> None:
-    assert crawl_floor(0.8, 3.0, -3.0, 0.0, inf, DT) == 0.8
-    assert crawl_floor(0.8, 3.0, 0.0, 0.0, inf, DT) == 0.8
+    assert crawl_floor(0.8, REST, 3.0, -3.0, 0.0, inf, DT) == 0.8
+    assert crawl_floor(0.8, REST, 3.0, 0.0, 0.0, inf, DT) == 0.8
 
 
 def test_the_crawl_fades_as_it_turns_into_the_field() -> None:
-    assert crawl_floor(0.8, 3.0, 1.5, 0.0, inf, DT) == pytest.approx(0.4)
-    assert crawl_floor(0.8, 3.0, 3.0, 0.0, inf, DT) == 0.0
+    assert crawl_floor(0.8, REST, 3.0, 1.5, 0.0, inf, DT) == pytest.approx(0.4)
+    assert crawl_floor(0.8, REST, 3.0, 3.0, 0.0, inf, DT) == 0.0
 
 
 def test_it_is_never_asked_for_more_than_the_field_and_rests_where_that_does() -> None:
-    rest = REST_PART * 0.8
-    assert crawl_floor(0.8, 0.5, 0.0, 0.0, inf, DT) == 0.5
-    assert crawl_floor(0.8, rest, -rest, 0.0, inf, DT) == 0.0
-    assert crawl_floor(0.8, 1.5 * rest, 0.0, 0.0, inf, DT) == pytest.approx(0.75 * rest)
-    assert crawl_floor(0.0, 3.0, -3.0, 0.0, inf, DT) == 0.0
+    assert crawl_floor(0.8, REST, 0.5, 0.0, 0.0, inf, DT) == 0.5
+    assert crawl_floor(0.8, REST, REST, -REST, 0.0, inf, DT) == 0.0
+    assert crawl_floor(0.8, REST, 1.5 * REST, 0.0, 0.0, inf, DT) == pytest.approx(0.75 * REST)
+    assert crawl_floor(0.0, 0.0, 3.0, -3.0, 0.0, inf, DT) == 0.0
 
 
 def test_the_floor_rises_no_faster_than_the_vehicle() -> None:
-    assert crawl_floor(0.8, 3.0, -3.0, 0.3, 1.0, DT) == pytest.approx(0.32)
-    assert crawl_floor(0.8, 3.0, -3.0, -2.0, 1.0, DT) == pytest.approx(0.02)
+    assert crawl_floor(0.8, REST, 3.0, -3.0, 0.3, 1.0, DT) == pytest.approx(0.32)
+    assert crawl_floor(0.8, REST, 3.0, -3.0, -2.0, 1.0, DT) == pytest.approx(0.02)
+
+
+def test_at_a_goal_that_stands_it_rests_within_its_turning_radius() -> None:
+    """Once at rest there, and the less of that the faster the goal is."""
+    assert rest_m_s(0.8, 1.0, 0.9, 0.0, 0.0) == 0.9
+    assert rest_m_s(0.8, 1.0, 0.9, 0.5, 0.0) == pytest.approx(0.4)
+    assert rest_m_s(0.8, 1.0, 0.9, 2.0, 0.0) == REST
+    assert rest_m_s(0.8, 1.0, 0.9, 0.0, 0.3) == REST
 
 
 # --- slip ---
@@ -84,7 +93,7 @@ def driven(part: float, wanted: list[float]) -> tuple[speed_loop.Memory, list[fl
     """A vehicle that drives `part` of what is asked, with the lag that the loop takes it to have."""
     memory, speed, seen = speed_loop.START, 0.0, []
     for value in wanted:
-        memory, asked = speed_loop.speed_step(LOOP, memory, value, speed, 0.0, 5.0, DT)
+        memory, asked = speed_loop.speed_step(LOOP, memory, value, speed, 0.0, 0.0, 5.0, DT)
         speed += DT / (LOOP.lag_s + DT) * (part * asked - speed)
         seen.append(speed)
     return memory, seen
@@ -115,14 +124,27 @@ def test_its_integral_rests_where_the_speed_is_at_its_end() -> None:
 def test_a_vehicle_that_does_not_move_does_not_fill_it_beyond_its_part() -> None:
     memory, seen = driven(0.0, [2.0] * 5000)
     assert memory.integral == LOOP.part
-    _, asked = speed_loop.speed_step(LOOP, memory, 2.0, 0.0, 0.0, 5.0, DT)
+    _, asked = speed_loop.speed_step(LOOP, memory, 2.0, 0.0, 0.0, 0.0, 5.0, DT)
     assert asked == pytest.approx(2.0 * (1.0 + LOOP.part) + 0.45 * 2.0)
     assert seen[-1] == 0.0
 
 
+def test_what_is_seen_late_is_not_missing() -> None:
+    """Over a line of half a second a rise of the speed is answered by nearly nothing but the rise."""
+    most = []
+    for known_s in (0.0, 0.5):
+        memory, speeds, asked, most_s = speed_loop.START, [0.0] * 26, 0.0, 0.0
+        for _ in range(200):
+            memory, asked = speed_loop.speed_step(LOOP, memory, 2.0, speeds[-26], known_s, 0.0, 5.0, DT)
+            speeds.append(speeds[-1] + DT / (LOOP.lag_s + DT) * (asked - speeds[-1]))
+            most_s = max(most_s, asked)
+        most.append(most_s - 2.0)
+    assert most[1] < 0.5 * most[0]
+
+
 def test_told_to_stand_it_asks_for_nothing() -> None:
-    memory = speed_loop.Memory(0.0, 0.5)
-    assert speed_loop.speed_step(LOOP, memory, 0.0, 0.3, -5.0, 5.0, DT)[1] == 0.0
+    memory = speed_loop.Memory(0.0, 0.0, 0.5)
+    assert speed_loop.speed_step(LOOP, memory, 0.0, 0.3, 0.0, -5.0, 5.0, DT)[1] == 0.0
 
 
 # --- waiting ---

@@ -83,8 +83,24 @@ def test_a_corner_is_waited_for() -> None:
     assert fly(waits).corner_m < 0.85 * fly(plain).corner_m
 
 
+def test_at_the_end_of_its_way_it_stands_though_its_position_drifts() -> None:
+    """It would drive a loop of two metres to come back by three decimetres."""
+    line = ("trajectory.name=line", "trajectory.speed_m_s=2", "trajectory.stop_at_s=20")
+    figures = fly(task(line, (0.0, -3.0, 0.0), 80.0), seed=3)
+    assert figures.max_m < 0.35
+    places = {(round(north, 2), round(east, 2)) for t, _, north, east, _ in figures.trace if t > 40.0}
+    assert len(places) == 1
+
+
 def test_a_delay_that_nobody_knows_of_is_no_limit_cycle() -> None:
     assert fly(with_settings(CIRCLE, "link.actuation_delay_s=0")).rms_m < 0.06
+
+
+def test_a_slow_line_that_is_known_is_no_limit_cycle() -> None:
+    """200 ms more there and back: the clock filter measures them."""
+    figures = fly(replace(CIRCLE, link_delay_s=0.1))
+    assert figures.converged_s < 6.0
+    assert figures.max_m < 0.12
 
 
 def test_a_flight_is_twice_the_same_and_another_with_another_seed() -> None:

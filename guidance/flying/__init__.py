@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
+from msgspec.structs import astuple
+
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.law import Evaluation
@@ -33,6 +35,9 @@ class Flown(NamedTuple):
         """Whether every number that would be logged is."""
         e = self.evaluation
         total = sum(e.e) + sum(e.demanded) + e.V1 + e.V2
+        if self.around is not None:
+            for value in astuple(self.around):
+                total += sum(value) if isinstance(value, tuple) else value if isinstance(value, float) else 0.0
         return total - total == 0.0
 
 

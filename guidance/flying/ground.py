@@ -71,7 +71,9 @@ class Ground:
         pose = Pose(estimate.pose.position, heading)
         velocity = rotate_inverse(heading, estimate.velocity_ned_m_s)
         twist = Twist(Vec3(0.0, 0.0, estimate.twist.angular.z), velocity)
-        measured = Measured(pose, twist, estimate.attitude.body_rates_frd_rad_s.z)
+        turning = estimate.attitude.body_rates_frd_rad_s.z
+        measured = Measured(pose, twist, turning, estimate.position_age_s)
+        waited_s = self.waited_s
         self._memory, demand, found = ground_step(
             self._parameters, self._memory, measured, reference, dt_s or self._period_s
         )
@@ -80,7 +82,7 @@ class Ground:
             t_ns=estimate.instant_ns,
             slip_rad=found.slip_rad,
             clock_rate=found.clock_rate,
-            waited_s=self._memory.waiting.waited_s,
+            waited_s=waited_s,
             speed_correction_m_s=found.speed_correction_m_s,
             crawling=found.crawling,
             slowed=found.slowed,
@@ -129,7 +131,7 @@ def ground_parameters(config: Config, origin_ned_m: Vec3, values: Mapping[str, f
         speed_loop=speed_loop.Parameters(
             kp=ground.speed_kp,
             ki=ground.speed_ki_per_s,
-            lag_s=ground.speed_lag_s + config.link.actuation_delay_s,
+            lag_s=ground.speed_lag_s,
             part=0.5,
         ),
         waiting=WAITING if ground.waits else waiting.OFF,

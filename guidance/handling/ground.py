@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from guidance import law
 from guidance.handling import slip, smoothing, speed_loop, stuck, waiting
-from guidance.handling.crawl import crawl_floor
+from guidance.handling.crawl import crawl_floor, rest_m_s
 from guidance.handling.saturation import kept_curvature
 from guidance.law import Evaluation, desired_field, guide_step
 from guidance.limits import Controls, Limits, clamp
@@ -51,12 +51,14 @@ class Memory(NamedTuple):
 class Measured(NamedTuple):
     """World NED; `twist` in body axes (FRD), its linear part the velocity over ground.
 
-    Both are predicted, with the rates that were sent; `seen_yaw_rate_rad_s` is the one that was measured.
+    Both are predicted by `age_s`, with the rates that were sent; `seen_yaw_rate_rad_s` is the one that was
+    measured.
     """
 
     pose: Pose
     twist: Twist
     seen_yaw_rate_rad_s: float
+    age_s: float = 0.0
 
 
 class Demand(NamedTuple):
@@ -116,7 +118,10 @@ def ground_step(
     floor = limits.speed_min_m_s
     if p.law.law == law.GLOBAL:
         along = dot(body_axes(pose.attitude)[0], field.Xr)
-        crawl = crawl_floor(p.crawl_m_s, norm(field.Xr), along, before, limits.acceleration_m_s2, dt)
+        radius = p.crawl_m_s / limits.yaw_rate_rad_s
+        per_s = p.law.gains.k / p.law.gains.beta
+        rest = rest_m_s(p.crawl_m_s, per_s, radius, norm(r.velocity), before)
+        crawl = crawl_floor(p.crawl_m_s, rest, norm(field.Xr), along, before, limits.acceleration_m_s2, dt)
         floor = max(floor, crawl)
     level_twist = Twist(Vec3(0.0, 0.0, twist.angular.z), Vec3(forward, 0.0, 0.0))
     stepped, found = guide_step(_with_floor(p.law, floor), memory.law, pose, level_twist, r, dt)
@@ -128,7 +133,14 @@ def ground_step(
     stepped = law.Memory(True, Controls(u.u1, u.u2, u.u3, speed))
 
     loop, asked = speed_loop.speed_step(
-        p.speed_loop, memory.speed_loop, speed, forward, limits.speed_min_m_s, limits.speed_max_m_s, dt
+        p.speed_loop,
+        memory.speed_loop,
+        speed,
+        forward,
+        measured.age_s,
+        limits.speed_min_m_s,
+        limits.speed_max_m_s,
+        dt,
     )
     still = stuck.stuck_step(p.stuck, memory.stuck, asked, forward, measured.seen_yaw_rate_rad_s, dt)
     yaw_rate = clamp(u.u3 / p.yaw_gain, -limits.yaw_rate_rad_s, limits.yaw_rate_rad_s)

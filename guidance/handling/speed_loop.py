@@ -5,8 +5,9 @@ through as it is, and what is missing is added in proportion and over time. A ma
 integral is one: what it has learned at one speed it knows at all.
 
 What counts as missing is measured against what the vehicle would show by now if the map were right: the
-wanted speed after the delay and lag that it is known to answer with. Without that, each change of speed would
-fill the integral. The integral rests where the sum is at its end, and below `SLOWEST_M_S` there is no factor
+wanted speed after the delay of the line, which is known at every step, and the lag that it is known to answer
+with. Without that, each change of speed would fill the integral, and over a slow line the loop would drive
+the vehicle to and fro. The integral rests where the sum is at its end, and below `SLOWEST_M_S` there is no factor
 to be seen.
 """
 
@@ -33,13 +34,14 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The speed that should show by now (m/s), and by which part the map is short, as learned."""
+    """Speeds (m/s) that should be acted on and show by now, and by which part the map is short, as learned."""
 
+    acted_on_m_s: float
     expected_m_s: float
     integral: float
 
 
-START: Final = Memory(0.0, 0.0)
+START: Final = Memory(0.0, 0.0, 0.0)
 
 
 def speed_step(
@@ -47,13 +49,18 @@ def speed_step(
     memory: Memory,
     wanted_m_s: float,
     measured_m_s: float,
+    age_s: float,
     lowest_m_s: float,
     highest_m_s: float,
     dt: float,
 ) -> tuple[Memory, float]:
-    """The speed to ask for, within [lowest, highest]; all speeds forward, over ground. `dt` > 0."""
+    """The speed to ask for, within [lowest, highest]; all speeds forward, over ground. `dt` > 0.
+
+    The measurement is older by `age_s` (>= 0) than the setpoint is when it acts.
+    """
     p = parameters
-    expected = memory.expected_m_s + dt / (p.lag_s + dt) * (wanted_m_s - memory.expected_m_s)
+    acted_on = memory.acted_on_m_s + dt / (age_s + dt) * (wanted_m_s - memory.acted_on_m_s)
+    expected = memory.expected_m_s + dt / (p.lag_s + dt) * (acted_on - memory.expected_m_s)
     missing = expected - measured_m_s
     scale = max(expected * expected, SLOWEST_M_S * SLOWEST_M_S)
     integral = clamp(memory.integral + p.ki * dt * missing * expected / scale, -p.part, p.part)
@@ -62,4 +69,4 @@ def speed_step(
     held = clamp(asked, lowest_m_s, highest_m_s)
     if (asked > held and missing > 0.0) or (asked < held and missing < 0.0):
         integral = memory.integral
-    return Memory(expected, integral), held
+    return Memory(acted_on, expected, integral), held

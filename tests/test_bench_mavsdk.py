@@ -79,7 +79,7 @@ def setpoints_of_the_service() -> list[tuple[float, ...]]:
                 rates = (told.body_roll_rate, told.body_pitch_rate, told.body_yaw_rate)
                 found[heading] = (*rates, told.thrust)
 
-    for i in range(100):
+    for i in range(250):
         now_ns = 1_000_000_000 + i * PERIOD_NS
         autopilot.tick(now_ns)
         exchange(autopilot.drain(), now_ns)

@@ -83,7 +83,7 @@ STEPS: Final = st.lists(
 )
 
 
-@pytest.mark.parametrize("firmware", Firmware)
+@pytest.mark.parametrize("firmware", [Firmware.PX4_UUV, Firmware.ARDUPILOT_ROVER])
 def test_no_sequence_of_faults_breaks_what_must_hold(firmware: Firmware) -> None:
     config = configured(firmware, *AUTO)
     ends: set[State] = set()

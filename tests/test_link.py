@@ -107,7 +107,7 @@ def test_messages_that_are_not_read_or_not_known_are_not_lost() -> None:
     peer = Peer()
     peer.heartbeat(sequence=7)
     peer.link.receive(frame_by_hand(0xABCDE, b"\1\2", 0, sequence=8), peer.now)
-    assert peer.say(dialect.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0), sequence=9) == []
+    assert peer.say(dialect.MAVLink_raw_pressure_message(0, 0, 0, 0, 0), sequence=9) == []
     peer.heartbeat(sequence=10)
     assert (peer.record().lost, peer.record().received) == (0, 3), "what cannot be checked proves no peer"
     assert peer.counters == {"unknown_message": 1}

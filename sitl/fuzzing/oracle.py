@@ -11,6 +11,7 @@ import msgspec
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.core import Guide
+from guidance.mavlink.profiles import Handling
 from guidance.records import TOPICS, Answer, Packet, Record
 from guidance.supervisor import SETPOINTS, Setpoints
 from sitl.fuzzing.sizes import longest
@@ -45,9 +46,13 @@ class Oracle:
         """The limits as they are now: an order may have set another."""
         config = self.guide.config
         limits, full_m_s = config.limits, config.vehicle.speed_at_full_thrust_m_s
+        self._full_m_s = full_m_s
+        self._throttle = self.guide.profile.handling is Handling.AIRPLANE
         rates = (limits.roll_rate_max_rad_s, limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
         speeds = (limits.speed_min_m_s / full_m_s, limits.speed_max_m_s / full_m_s)
         self._ranges = [(-_float32(rate), _float32(rate)) for rate in rates]
+        if self._throttle:
+            speeds = (0.0, 1.0)
         self._ranges.append((_float32(speeds[0]), _float32(speeds[1])))
 
     def take(self, record: Record) -> None:
@@ -83,20 +88,25 @@ class Oracle:
         message = messages[0]
         kind = message.get_type()
         if kind == "SET_ATTITUDE_TARGET":
-            self._setpoint(message)
+            rates = message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate
+            self._setpoint(*rates, message.thrust)
+        elif kind == "SET_POSITION_TARGET_LOCAL_NED":
+            speed_m_s = math.hypot(message.vx, message.vy, message.vz)
+            self._setpoint(0.0, 0.0, message.yaw_rate, speed_m_s / self._full_m_s)
         elif kind == "TIMESYNC" and message.tc1 == 0:
             self.questions = [*self.questions[-3:], message.ts1]
         elif kind == "COMMAND_LONG":
             self._command(message)
 
-    def _setpoint(self, message: Any) -> None:
-        values = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate, message.thrust)
+    def _setpoint(self, *values: float) -> None:
+        """Body rates and thrust, or what stands for it."""
         engagement = self.guide.engagement
         kind = SETPOINTS[engagement.state]
         if kind is Setpoints.NONE or not engagement.streaming:
             raise Broken(f"a setpoint was sent in {engagement.state}, where nothing may be")
         if kind is Setpoints.NEUTRAL:  # asks for nothing, even of a vehicle that is never to be slow
-            if values != (0.0, 0.0, 0.0, 0.0):
+            # what keeps an airplane in the air is its own throttle
+            if values[:3] != (0.0, 0.0, 0.0) or (values[3] != 0.0 and not self._throttle):
                 raise Broken(f"a setpoint in {engagement.state} is not neutral: {values}")
             return
         for value, (low, high) in zip(values, self._ranges, strict=True):

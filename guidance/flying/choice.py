@@ -8,6 +8,7 @@ from guidance.flying.airplane import Airplane
 from guidance.flying.excited import Excited
 from guidance.flying.ground import Ground
 from guidance.flying.rates import Rates
+from guidance.flying.velocity import Velocity
 from guidance.mavlink.profiles import Handling, Profile
 
 
@@ -26,4 +27,4 @@ def _own(config: Config, profile: Profile) -> Handler:
         case Handling.AIRPLANE:
             return Airplane(config)
         case Handling.VELOCITY:
-            raise NotImplementedError(profile.handling)
+            return Velocity(config)

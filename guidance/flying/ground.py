@@ -106,7 +106,8 @@ def ground_parameters(config: Config, origin_ned_m: Vec3, values: Mapping[str, f
 class Px4Rover(Ground):
     """PX4's rovers, which take a velocity: its bearing asks for the yaw rate (`handling.rover_px4`).
 
-    The bearing is off the heading that PX4 has when the setpoint comes, before it acts.
+    The bearing is off the heading that PX4 has while it holds the setpoint, which is from when it comes, before
+    it acts, until the next one does: that of the middle.
     """
 
     _autopilot: rover_px4.Autopilot | None = None
@@ -125,8 +126,8 @@ class Px4Rover(Ground):
 
     def _ask(self, demand: ground.Demand, estimate: Estimate) -> Demand:
         assert self._autopilot is not None, "a rover that does not fit is not engaged"
-        comes_ns = estimate.instant_ns - round(self._config.link.actuation_delay_s * 1e9)
-        heading = yaw_of(estimate.attitude_at(comes_ns))
+        ahead_s = 0.5 * self._period_s - self._config.link.actuation_delay_s
+        heading = yaw_of(estimate.attitude_at(estimate.instant_ns + round(1e9 * ahead_s)))
         return Demand(velocity_ned_m_s=rover_px4.velocity_of(self._autopilot, demand, heading))
 
     def neutral(self, estimate: Estimate) -> Demand:

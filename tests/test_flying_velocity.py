@@ -170,7 +170,7 @@ def test_a_step_asks_for_a_velocity_and_says_why() -> None:
     handler = Velocity(shipped())
     assert handler.fit(PX4) is None
     handler.start()
-    flown = handler.step(seen(Vec3(3.0, 0.0, -10.0), Vec3(0.0, 2.0, 0.0), 0.5 * pi), REFERENCE, 0.0)
+    flown = handler.step(seen(Vec3(3.0, -0.2, -10.0), Vec3(0.0, 2.0, 0.0), 0.5 * pi), REFERENCE, 0.0)
     assert flown.demand.velocity_ned_m_s.y > 1.9
     assert flown.demand.body_rates_frd_rad_s == ZERO
     assert isinstance(flown.around, VelocityHandling)

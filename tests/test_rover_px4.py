@@ -138,7 +138,7 @@ def test_a_trajectory_that_it_cannot_drive_is_refused_with_numbers() -> None:
 
 
 def seen(heading: float, yaw_rate: float, history: History = ()) -> Estimate:
-    """Seen 40 ms ago at this heading; a setpoint of now comes in 20 ms, is held for 20, and acts 0.1 s later."""
+    """Seen 40 ms ago at this heading; a setpoint comes in 20 ms, is held for 20, acts after 100."""
     now_ns, acts_ns = 1_000_000_000, 1_120_000_000
     at = now_ns - 40_000_000
     rates = Vec3(0.0, 0.0, yaw_rate)

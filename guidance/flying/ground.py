@@ -106,8 +106,8 @@ def ground_parameters(config: Config, origin_ned_m: Vec3, values: Mapping[str, f
 class Px4Rover(Ground):
     """PX4's rovers, which take a velocity: its bearing asks for the yaw rate (`handling.rover_px4`).
 
-    The bearing is off the heading that PX4 has while it holds the setpoint, which is from when it comes, before
-    it acts, until the next one does: that of the middle.
+    The bearing is off the heading that PX4 has while it holds the setpoint, which is from when it comes,
+    before it acts, until the next one does: that of the middle.
     """
 
     _autopilot: rover_px4.Autopilot | None = None

@@ -4,7 +4,8 @@ What PX4 does with one (`AckermannPosVelControl` and `DifferentialPosVelControl`
 of either since): the speed is the velocity's length, so it never reverses; the heading is steered to its
 bearing by a yaw rate of RO_YAW_P times what is missing; yaw and yaw rate of the setpoint are not read. So a
 yaw rate w is asked for by a bearing that is w/RO_YAW_P off the heading. That is the heading that PX4 sees
-when the setpoint comes, not the one when the wheels answer: PX4 takes the difference to the heading it has.
+while it holds the setpoint, not the one when the wheels answer: PX4 takes the difference to the heading it
+has.
 
 - A velocity of zero has the bearing 0: a rover that turns at rest would turn to the north. To stand, it is
   told the least speed along its nose instead.
@@ -61,7 +62,7 @@ def yaw_rate_max_rad_s(autopilot: Autopilot) -> float:
 
 def velocity_of(autopilot: Autopilot, demand: Demand, heading_rad: float) -> Vec3:
     """The velocity (NED, m/s) that asks for this yaw rate and speed of a rover that will be seen at this
-    heading when the velocity comes."""
+    heading while the velocity is held."""
     most = _bearing_max_rad(autopilot)
     bearing = heading_rad + clamp(demand.yaw_rate_rad_s / autopilot.RO_YAW_P, -most, most)
     speed = max(demand.speed_m_s, STANDING_M_S)

@@ -94,16 +94,16 @@ def fitted_to(values: dict[str, float], *settings: str) -> Parameters:
 
 def test_the_tighter_of_configuration_and_autopilot_holds() -> None:
     p = fitted_to(VALUES)
-    assert (p.law.limits.speed_max_m_s, p.law.limits.yaw_rate_rad_s) == (3.0, 2.0)
+    assert (p.law.limits.speed_max_m_s, p.law.limits.yaw_rate_rad_s) == (3.0, 2.6)
     assert p.law.limits.acceleration_m_s2 == 2.8
-    assert p.crawl_m_s == pytest.approx(0.556 * 2.0, abs=1e-3)
+    assert p.crawl_m_s == pytest.approx(0.556 * 2.6, abs=1e-3)
     assert p.lateral_acceleration_m_s2 == 3.0
     gentle = fitted_to({**VALUES, "RO_YAW_RATE_LIM": 30.0, "RO_SPEED_LIM": 1.5, "RO_ACCEL_LIM": 1.0})
     assert gentle.law.limits.yaw_rate_rad_s == pytest.approx(radians(30.0))
     assert gentle.crawl_m_s == pytest.approx(0.556 * radians(30.0), abs=1e-3)
     assert gentle.law.limits.speed_max_m_s == 1.5
     assert gentle.law.limits.acceleration_m_s2 == pytest.approx(0.95)
-    assert fitted_to(VALUES, "ground.turning_radius_m=0.2").crawl_m_s == pytest.approx(0.4)
+    assert fitted_to(VALUES, "ground.turning_radius_m=0.2").crawl_m_s == pytest.approx(0.52)
 
 
 def test_a_build_has_the_parameters_of_every_rover_and_those_that_are_set_count() -> None:

@@ -19,10 +19,11 @@ from guidance.airplane_config import AirplaneConfig, airspeed_conflicts
 from guidance.checking import ConfigError as ConfigError  # raised here, so found here
 from guidance.checking import Places, Problem, named, one_of, override, problems, shown
 from guidance.connection import parse_connection as parse_connection
+from guidance.copter_config import CopterConfig
 from guidance.feasibility import infeasible
 from guidance.guard_limits import GuardsConfig, guard_conflicts
 from guidance.handling_config import ExcitationConfig, GroundConfig
-from guidance.mavlink.profiles import PROFILES, Handling, Profile
+from guidance.mavlink.profiles import PROFILES, Asked, Handling, Profile
 from guidance.trajectory import Trajectory
 from guidance.tuning import LEAST_RATE_RAD_S, NonNegative, Positive, Speed, cannot_allocate, conflicts
 from guidance.tuning import LawConfig as LawConfig
@@ -133,6 +134,7 @@ class Config(_Section, frozen=True, kw_only=True):
     trajectory: Trajectory
     ground: GroundConfig = GroundConfig()
     airplane: AirplaneConfig = AirplaneConfig()
+    copter: CopterConfig = CopterConfig()
     guards: GuardsConfig = GuardsConfig()
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
@@ -235,7 +237,8 @@ def _conflicts(config: Config) -> Iterator[Problem]:
         config.guards, profile, config.trajectory, config.flight.origin, link.attitude_timeout_s
     )
     full_m_s = config.vehicle.speed_at_full_thrust_m_s
-    yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar, config.ground)
+    copter = config.copter if profile.handling is Handling.VELOCITY else None
+    yield from infeasible(config.trajectory, limits, law, full_m_s, profile.planar, config.ground, copter)
 
 
 def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
@@ -255,6 +258,13 @@ def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
         yield Problem("airplane", f": {profile.name} is no airplane; leave the section out")
     elif airplane.output == "rates" and not profile.takes_rates:
         yield Problem("airplane.output", f' = "rates": {profile.name} takes none; must be "attitude"')
+    if profile.handling is not Handling.VELOCITY and config.copter != CopterConfig():
+        yield Problem("copter", f": {profile.name} is no copter; leave the section out")
+    if profile.asked is Asked.VELOCITY_YAW_RATE and profile.planar and not config.ground.enabled:
+        yield Problem(
+            "ground.enabled",
+            f" = false: {profile.name} takes velocities, which the law alone does not ask for; must be true",
+        )
     if profile.handling is Handling.AIRPLANE:
         yield from airspeed_conflicts(airplane, config.limits.speed_max_m_s)
     allocation = config.law.allocation

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from guidance.abilities import FREE, Abilities, Bound, GroundAbilities, SpaceAbilities
+from guidance.abilities import FREE, Abilities, Bound, GroundAbilities, SpaceAbilities, VelocityAbilities
 from guidance.checking import Problem, shown
+from guidance.copter_config import CopterConfig
 from guidance.handling.rover import ACCELERATION_PART, GRAVITY_M_S2, LATERAL_PART
 from guidance.handling_config import GroundConfig
 from guidance.se3 import ZERO, Vec3
@@ -26,6 +27,7 @@ def infeasible(
     full_thrust_m_s: float,
     planar: bool,
     ground: GroundConfig | None = None,
+    copter: CopterConfig | None = None,
 ) -> Iterator[Problem]:
     """What of the reference no vehicle within these limits could follow.
 
@@ -39,8 +41,8 @@ def infeasible(
             f" = {limits.speed_min_m_s:g}: must be below speed_max_m_s = {limits.speed_max_m_s:g}",
         )
         return
-    abilities = abilities_of(limits, law, full_thrust_m_s, planar, ground)
-    if law.name == "paper" and limits.speed_min_m_s >= 0.0:
+    abilities = abilities_of(limits, law, full_thrust_m_s, planar, ground, copter)
+    if not isinstance(abilities, VelocityAbilities) and law.name == "paper" and limits.speed_min_m_s >= 0.0:
         fastest_m_s = needed(trajectory, type(abilities))[_SPEED]
         yield Problem(
             "limits.speed_min_m_s",
@@ -73,9 +75,10 @@ def abilities_of(
     full_thrust_m_s: float,
     planar: bool,
     ground: GroundConfig | None = None,
-) -> SpaceAbilities | GroundAbilities:
+    copter: CopterConfig | None = None,
+) -> SpaceAbilities | GroundAbilities | VelocityAbilities:
     """Those of [limits], in space, or in the plane for a `planar` vehicle, which turns by yaw alone, with
-    those of [ground].
+    those of [ground]; with [copter] those of a vehicle that takes velocities, whose rates do not count.
 
     Elsewhere the rates that move b1 are those of the allocation; rolling does not. Pitch and yaw count
     together as the root of their squares' sum, which rates about the body axes give at one angle of roll
@@ -99,6 +102,13 @@ def abilities_of(
             ),
             lateral_m_s2=_bound(lateral_m_s2, "ground.lateral_acceleration_max_m_s2"),
             radius_least_m=Bound(radius_m, "ground.turning_radius_m"),
+            acceleration_m_s2=acceleration,
+        )
+    if copter is not None:
+        return VelocityAbilities(
+            speed_m_s=most,
+            climb_m_s=_bound(copter.up_max_m_s, "copter.up_max_m_s"),
+            sink_m_s=_bound(copter.down_max_m_s, "copter.down_max_m_s"),
             acceleration_m_s2=acceleration,
         )
     turning = [key for key in rates_of(law.allocation, planar) if key != "roll_rate_max_rad_s"]

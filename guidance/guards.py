@@ -230,16 +230,20 @@ def _effect(look: Look) -> str | None:
     if isinstance(look.state, str) or look.solution is None:
         return None
     limits, out, twist = look.config.limits, look.solution.outgoing, look.state.twist
-    if profile_of(look.config).asked is Asked.ATTITUDE_THROTTLE:
+    row = profile_of(look.config)
+    if row.asked is Asked.ATTITUDE_THROTTLE:
         asked, banked = roll_of(Quaternion(*out.attitude_wxyz)), roll_of(look.state.pose.attitude)
         if abs(asked) <= _BANKED_RAD or banked * asked >= _EFFECT * asked * asked:
             return None
         return f"banks by {math.degrees(banked):.0f} of {math.degrees(asked):.0f} deg: no effect"
     speed_m_s = out.speed_m_s
+    along_m_s = twist.linear.x
+    if row.asked is Asked.VELOCITY_YAW_RATE and speed_m_s > 0.0:
+        along_m_s = dot(look.state.velocity_ned_m_s, Vec3(*out.velocity_ned_m_s)) / speed_m_s
     if abs(speed_m_s) > _COMMANDED * limits.speed_max_m_s and (
-        twist.linear.x * speed_m_s < _EFFECT * speed_m_s * speed_m_s
+        along_m_s * speed_m_s < _EFFECT * speed_m_s * speed_m_s
     ):
-        return f"{twist.linear.x:.1f} of {speed_m_s:.1f} m/s: setpoints have no effect"
+        return f"{along_m_s:.1f} of {speed_m_s:.1f} m/s: setpoints have no effect"
     rates = Vec3(*out.body_rates_frd_rad_s)
     asked = norm(rates)
     fastest = max(limits.roll_rate_max_rad_s, limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)

@@ -163,6 +163,22 @@ class GroundHandling(Record, frozen=True, kw_only=True, gc=False):
     stuck: bool
 
 
+class VelocityHandling(Record, frozen=True, kw_only=True, gc=False):
+    """What a copter was asked for and why (`guidance.handling.velocity`).
+
+    `wanted_ned_m_s` is the field within the limits; what is asked for leads it. The nose is sought at
+    `heading_rad`. The air takes `drag_per_s` of the velocity through it, as learned. The trajectory's clock
+    runs at `clock_rate` and is `waited_s` behind the flight's. `stuck`: it is asked to fly and does not move.
+    """
+
+    wanted_ned_m_s: Triple
+    heading_rad: float
+    drag_per_s: float
+    clock_rate: float
+    waited_s: float
+    stuck: bool
+
+
 class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
     """What an airplane was asked for and why (`guidance.handling.airplane`).
 
@@ -360,6 +376,7 @@ TOPICS: Final[dict[type[Record], str]] = {
     TrackingError: "error",
     GroundHandling: "ground",
     AirplaneHandling: "airplane",
+    VelocityHandling: "copter",
     Stepping: "stepping",
     Status: "status",
     Link: "link",

@@ -224,7 +224,7 @@ def test_the_tighter_of_autopilot_and_configuration_holds() -> None:
     assert tight.vertical_acceleration_m_s2 == pytest.approx(0.63)
     assert tight.limits.yaw_rate_rad_s == 0.4
     assert px4(Px4(MPC_YAWRAUTO_MAX=10.0)).limits.yaw_rate_rad_s == pytest.approx(radians(10.0))
-    ardu = ardupilot(ArduPilot(WPNAV_SPEED=300.0), Configured(down_max_m_s=1.0))
+    ardu = ardupilot(ArduPilot(WP_SPD=3.0), Configured(down_max_m_s=1.0))
     assert (ardu.limits.speed_max_m_s, ardu.up_max_m_s, ardu.down_max_m_s) == (3.0, 2.5, 1.0)
 
 

@@ -52,6 +52,7 @@ ABSENT: Final = re.compile(r"Absent: .+\.$")
 CLASS_OF: Final = {
     "ground": Handling.GROUND,
     "airplane": Handling.AIRPLANE,
+    "copter": Handling.VELOCITY,
     "excitation": None,  # what no file may say
 }
 
@@ -250,14 +251,22 @@ FLOWN: Final = {
     "ardupilot-rover": ("rover", 0.1, 0.02),
     "px4-plane": ("airplane_12", 3.0, 0.3),
     "ardupilot-plane": ("airplane_20", 3.0, 0.3),
+    "px4-copter": ("copter_px4", 0.5, 0.05),
+    "ardupilot-copter": ("copter_ardupilot", 0.5, 0.05),
+    "px4-rover": ("rover_px4", 0.1, 0.02),
 }
 
-#: How the firmware calls the mode in which its airplane waits in the air.
-LOITERING: Final = {"px4-plane": "AUTO.LOITER", "ardupilot-plane": "LOITER"}
+#: How the firmware calls the mode in which its vehicle waits in the air.
+LOITERING: Final = {
+    "px4-plane": "AUTO.LOITER",
+    "ardupilot-plane": "LOITER",
+    "px4-copter": "AUTO.LOITER",
+    "ardupilot-copter": "LOITER",
+}
 
 
 def vehicle_flight(path: Path, config: Config, **options: Any) -> Lockstep:
-    if path.stem in LOITERING:  # an airplane is taken over in the air; one that is not armed there falls
+    if path.stem in LOITERING:  # it is taken over in the air; what is not armed there falls
         options["initial_position_ned_m"] = (0.0, 0.0, -200.0)
         options |= {"initially_armed": True, "initial_mode": LOITERING[path.stem]}
     return make_flight(config=config, model=FLOWN[path.stem][0], **options)
@@ -292,7 +301,7 @@ def test_it_flies_as_it_is_shipped(path: Path) -> None:
 
 
 def unattended(path: Path, **options: Any) -> Lockstep:
-    """In control, without a pilot; but nobody takes an airplane over that flies, unless the pilot says so."""
+    """In control, without a pilot; but nobody takes over what flies, unless the pilot says so."""
     airborne = path.stem in LOITERING
     config = load(path, [] if airborne else ["supervisor.engage=auto", "supervisor.arm=true"])
     flight = vehicle_flight(path, config, **options)

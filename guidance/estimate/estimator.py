@@ -51,6 +51,7 @@ from guidance.prediction import NOTHING_SENT, History, predict
 from guidance.se3 import (
     ZERO,
     Pose,
+    Quaternion,
     Twist,
     Vec3,
     add,
@@ -78,7 +79,8 @@ class Estimate(NamedTuple):
 
     `resets` counts those of the autopilot's estimator. `offset_m` is how far the position still is from what
     its source says, since a switch of sources. `seen` is the pose that `pose` was predicted from,
-    `position_age_s` before, at which `position` gives the velocity: for those who predict otherwise.
+    `position_age_s` before, at which `position` gives the velocity, and `history` the setpoints that it was
+    predicted with: for those who predict otherwise, or to another instant.
     """
 
     instant_ns: int
@@ -91,11 +93,19 @@ class Estimate(NamedTuple):
     seen: Pose
     resets: int = 0
     offset_m: float = 0.0
+    history: History = NOTHING_SENT
 
     @property
     def velocity_ned_m_s(self) -> Vec3:
         """The velocity in NED, m/s."""
         return rotate(self.pose.attitude, self.twist.linear)
+
+    def attitude_at(self, instant_ns: int) -> Quaternion:
+        """What the autopilot will take its attitude to be: its own last one, without any offset, turned on as
+        it was measured and as the setpoints say that act until then."""
+        sample = self.attitude
+        pose, twist = Pose(ZERO, sample.attitude), Twist(sample.body_rates_frd_rad_s, ZERO)
+        return predict(self.history, pose, twist, sample.instant_ns, instant_ns)[0].attitude
 
 
 class Estimator:
@@ -310,4 +320,5 @@ class Estimator:
             seen=seen,
             resets=self.resets,
             offset_m=offset_m,
+            history=history,
         )

@@ -6,9 +6,10 @@ from guidance.config import Config
 from guidance.flying import Handler
 from guidance.flying.airplane import Airplane
 from guidance.flying.excited import Excited
-from guidance.flying.ground import Ground
+from guidance.flying.ground import Ground, Px4Rover
 from guidance.flying.rates import Rates
-from guidance.mavlink.profiles import Handling, Profile
+from guidance.flying.velocity import Velocity
+from guidance.mavlink.profiles import Asked, Handling, Profile
 
 
 def handler_of(config: Config, profile: Profile) -> Handler:
@@ -19,6 +20,8 @@ def handler_of(config: Config, profile: Profile) -> Handler:
 
 def _own(config: Config, profile: Profile) -> Handler:
     match profile.handling:
+        case Handling.GROUND if profile.asked is Asked.VELOCITY_YAW_RATE:
+            return Px4Rover(config)
         case Handling.GROUND if config.ground.enabled:
             return Ground(config)
         case Handling.RATES | Handling.GROUND:
@@ -26,4 +29,4 @@ def _own(config: Config, profile: Profile) -> Handler:
         case Handling.AIRPLANE:
             return Airplane(config)
         case Handling.VELOCITY:
-            raise NotImplementedError(profile.handling)
+            return Velocity(config)

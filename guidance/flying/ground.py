@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import inf, radians
 from typing import Final
 
 from guidance.config import Config
 from guidance.estimate import Estimate
+from guidance.feasibility import unflyable
 from guidance.flying import Flown
-from guidance.handling import slip, smoothing, speed_loop, stuck, waiting
+from guidance.flying.ground_fit import abilities, ardupilot_allows, fitted, px4_allows, px4_rover
+from guidance.handling import ground, rover_px4
 from guidance.handling.ground import UNSTARTED, Measured, Memory, Parameters, ground_step
-from guidance.handling.rover import ACCELERATION_PART, GRAVITY_M_S2, LATERAL_PART, WAITING
 from guidance.mavlink.messages import Body
 from guidance.mavlink.setpoints import Demand
 from guidance.records import GroundHandling
 from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, add, from_yaw, rotate_inverse, yaw_of
-from guidance.tuning import parameters
 
 _NEUTRAL: Final = Demand()
 
@@ -40,11 +39,14 @@ class Ground:
     def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> None:
         """As `Handler` says; a planar vehicle has one allocation."""
         self._config, self._origin_ned_m = config, origin_ned_m
-        self._parameters = ground_parameters(config, origin_ned_m, self._values)
+        self._adopt()
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """As `Handler` says."""
         self._values = dict(values)
+        return self._adopt()
+
+    def _adopt(self) -> str | None:
         self._parameters = ground_parameters(self._config, self._origin_ned_m, self._values)
         return None
 
@@ -88,8 +90,10 @@ class Ground:
             slowed=found.slowed,
             stuck=found.stuck,
         )
-        asked = Demand(Vec3(0.0, 0.0, demand.yaw_rate_rad_s), demand.speed_m_s)
-        return Flown(asked, found.reference, found.law, turns, around)
+        return Flown(self._ask(demand, estimate), found.reference, found.law, turns, around)
+
+    def _ask(self, demand: ground.Demand, estimate: Estimate) -> Demand:
+        return Demand(Vec3(0.0, 0.0, demand.yaw_rate_rad_s), demand.speed_m_s)
 
     def neutral(self, estimate: Estimate) -> Demand:
         """Stand."""
@@ -97,43 +101,39 @@ class Ground:
 
 
 def ground_parameters(config: Config, origin_ned_m: Vec3, values: Mapping[str, float]) -> Parameters:
-    """Of the configuration's limits and the autopilot's (`values`, in its units) the tighter hold.
+    """Of the configuration's limits and ArduPilot's (`values`, in its units) the tighter hold."""
+    return fitted(config, origin_ned_m, ardupilot_allows(values))
 
-    An acceleration of 0 is no limit there.
+
+class Px4Rover(Ground):
+    """PX4's rovers, which take a velocity: its bearing asks for the yaw rate (`handling.rover_px4`).
+
+    The bearing is off the heading that PX4 has while it holds the setpoint, which is from when it comes,
+    before it acts, until the next one does: that of the middle.
     """
-    ground = config.ground
-    base = parameters(config.law, config.limits, origin_ned_m, planar=True)
-    limits = base.limits
-    limits = limits._replace(
-        speed_max_m_s=min(limits.speed_max_m_s, values.get("WP_SPEED") or inf),
-        yaw_rate_rad_s=min(limits.yaw_rate_rad_s, radians(values.get("ATC_STR_RAT_MAX") or inf)),
-        acceleration_m_s2=min(
-            limits.acceleration_m_s2, ACCELERATION_PART * (values.get("ATC_ACCEL_MAX") or inf)
-        ),
-        yaw_acceleration_rad_s2=min(
-            limits.yaw_acceleration_rad_s2, radians(values.get("ATC_STR_ACC_MAX") or inf)
-        ),
-    )
-    radius_m = ground.turning_radius_m
-    if radius_m is None:
-        radius_m = values.get("TURN_RADIUS", 0.0)
-    crawl_m_s = radius_m * limits.yaw_rate_rad_s if ground.crawl_m_s is None else ground.crawl_m_s
-    lateral = ground.lateral_acceleration_max_m_s2
-    if lateral is None:
-        lateral = LATERAL_PART * GRAVITY_M_S2 * (values.get("ATC_TURN_MAX_G") or inf)
-    return Parameters(
-        law=base._replace(limits=limits),
-        crawl_m_s=min(crawl_m_s, limits.speed_max_m_s),
-        lateral_acceleration_m_s2=lateral,
-        yaw_gain=ground.yaw_gain,
-        smoothing=smoothing.Parameters(time_constant_s=ground.smoothing_s, jump_m=0.5),
-        slip=slip.Parameters(time_constant_s=2.0, speed_min_m_s=0.7, bound_rad=radians(ground.slip_max_deg)),
-        speed_loop=speed_loop.Parameters(
-            kp=ground.speed_kp,
-            ki=ground.speed_ki_per_s,
-            lag_s=ground.speed_lag_s,
-            part=0.5,
-        ),
-        waiting=WAITING if ground.waits else waiting.OFF,
-        stuck=stuck.Parameters(asked_m_s=0.3, speed_m_s=0.15, yaw_rate_rad_s=0.05, after_s=ground.stuck_s),
-    )
+
+    _autopilot: rover_px4.Autopilot | None = None
+
+    def _adopt(self) -> str | None:
+        autopilot = px4_rover(self._values)
+        if isinstance(autopilot, str):
+            return autopilot
+        self._autopilot = autopilot
+        allowed = px4_allows(autopilot)
+        self._parameters = fitted(self._config, self._origin_ned_m, allowed)
+        radius_m = self._config.ground.turning_radius_m
+        own = abilities(self._parameters, allowed.radius_m if radius_m is None else radius_m)
+        problems = unflyable(self._config.trajectory, own)
+        return next((f"{problem.key}{problem.text}" for problem in problems), None)
+
+    def _ask(self, demand: ground.Demand, estimate: Estimate) -> Demand:
+        assert self._autopilot is not None, "a rover that does not fit is not engaged"
+        ahead_s = 0.5 * self._period_s - self._config.link.actuation_delay_s
+        heading = yaw_of(estimate.attitude_at(estimate.instant_ns + round(1e9 * ahead_s)))
+        return Demand(velocity_ned_m_s=rover_px4.velocity_of(self._autopilot, demand, heading))
+
+    def neutral(self, estimate: Estimate) -> Demand:
+        """Stand, the nose where it is."""
+        if self._autopilot is None:
+            return _NEUTRAL
+        return self._ask(ground.Demand(0.0, 0.0), estimate)

@@ -4,7 +4,7 @@ What binds each number:
 
 - speeds, accelerations and the yaw rate are the tighter of the autopilot's and the configuration's. PX4 does
   not shape a velocity in OFFBOARD; MPC_ACC_HOR says all the same what the vehicle is meant to do. ArduPilot
-  flies vertical velocities beyond WPNAV_SPEED_UP and _DN in GUIDED; they are kept here;
+  flies vertical velocities beyond WP_SPD_UP and WP_SPD_DN in GUIDED; they are kept here;
 - how a velocity is answered follows of the loops' gains (`response`);
 - of a velocity that is short, so much is asked for on top that gusts move PX4's copter half as far, and that
   200 ms of delay nobody knows of do not make it swing; ArduPilot's, which holds its own path, needs less;
@@ -40,7 +40,10 @@ WAITING: Final = waiting.Parameters(slowest=0.5, fastest=1.15, per_m=1.0, falls_
 
 
 class Configured(NamedTuple):
-    """What the configuration allows; inf: what the autopilot does. `follows`: the nose follows the field."""
+    """What the configuration allows; inf: what the autopilot does. `follows`: the nose follows the field.
+
+    `k_per_s` is lambda k, to which the approach must fit.
+    """
 
     speed_max_m_s: float = inf
     up_max_m_s: float = inf
@@ -48,8 +51,12 @@ class Configured(NamedTuple):
     acceleration_m_s2: float = inf
     vertical_acceleration_m_s2: float = inf
     yaw_rate_rad_s: float = YAW_RATE_RAD_S
+    yaw_acceleration_rad_s2: float = inf
     follows: bool = True
     waits: bool = False
+    k_per_s: float = K_PER_S
+    approach_m_s: float = inf
+    approach_up_m_s: float = inf
 
 
 #: All that the autopilot allows.
@@ -75,15 +82,16 @@ class Px4(NamedTuple):
 
 
 class ArduPilot(NamedTuple):
-    """ArduPilot's parameters, in its units (cm and m), with its autotest values."""
+    """ArduPilot's parameters by their names of 4.7, in m, with its autotest values; before, they were
+    WPNAV_SPEED, WPNAV_ACCEL (cm), PSC_JERK_XY and PSC_JERK_Z."""
 
-    WPNAV_SPEED: float = 1000.0
-    WPNAV_SPEED_UP: float = 250.0
-    WPNAV_SPEED_DN: float = 150.0
-    WPNAV_ACCEL: float = 250.0
-    WPNAV_ACCEL_Z: float = 100.0
-    PSC_JERK_XY: float = 5.0
-    PSC_JERK_Z: float = 5.0
+    WP_SPD: float = 10.0
+    WP_SPD_UP: float = 2.5
+    WP_SPD_DN: float = 1.5
+    WP_ACC: float = 2.5
+    WP_ACC_Z: float = 1.0
+    PSC_JERK_NE: float = 5.0
+    PSC_JERK_D: float = 5.0
 
 
 def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Parameters:
@@ -116,15 +124,12 @@ def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Paramete
 def ardupilot(autopilot: ArduPilot, configured: Configured = UNBOUNDED) -> velocity.Parameters:
     """The default of the profile `ardupilot-copter`. The caller has checked the parameters: all > 0."""
     a = autopilot
-    level, vertical = 0.01 * a.WPNAV_ACCEL, 0.01 * a.WPNAV_ACCEL_Z
     return _handling(
         configured,
-        Configured(
-            0.01 * a.WPNAV_SPEED, 0.01 * a.WPNAV_SPEED_UP, 0.01 * a.WPNAV_SPEED_DN, level, vertical, inf
-        ),
+        Configured(a.WP_SPD, a.WP_SPD_UP, a.WP_SPD_DN, a.WP_ACC, a.WP_ACC_Z, inf),
         response.Parameters(
-            response.Axis(level / a.PSC_JERK_XY, 0.0, 0.0),
-            response.Axis(vertical / a.PSC_JERK_Z, 0.0, 0.0),
+            response.Axis(a.WP_ACC / a.PSC_JERK_NE, 0.0, 0.0),
+            response.Axis(a.WP_ACC_Z / a.PSC_JERK_D, 0.0, 0.0),
             per_s=0.0,
             drag_max_per_s=0.0,
             kp=0.6,
@@ -142,11 +147,12 @@ def _handling(
     up, down = min(c.up_max_m_s, a.up_max_m_s), min(c.down_max_m_s, a.down_max_m_s)
     acceleration = ACCELERATION_PART * min(c.acceleration_m_s2, a.acceleration_m_s2)
     vertical = ACCELERATION_PART * min(c.vertical_acceleration_m_s2, a.vertical_acceleration_m_s2)
-    braking = BRAKING_PART / (BOUNDED_BRAKING * K_PER_S)
+    braking = BRAKING_PART / (BOUNDED_BRAKING * c.k_per_s)
     return velocity.Parameters(
-        gains=Gains(k=K_PER_S, rho2=RHO_PER_S, rho3=RHO_PER_S, beta=1.0),
+        gains=Gains(k=c.k_per_s, rho2=RHO_PER_S, rho3=RHO_PER_S, beta=1.0),
         error_function=bounded_apart(
-            min(0.8 * speed, braking * acceleration), min(0.8 * up, 0.8 * down, braking * vertical)
+            min(c.approach_m_s, 0.8 * speed, braking * acceleration),
+            min(c.approach_up_m_s, 0.8 * up, 0.8 * down, braking * vertical),
         ),
         limits=Limits(
             speed_min_m_s=0.0,
@@ -155,7 +161,7 @@ def _handling(
             pitch_rate_rad_s=0.0,
             yaw_rate_rad_s=min(c.yaw_rate_rad_s, a.yaw_rate_rad_s),
             acceleration_m_s2=acceleration,
-            yaw_acceleration_rad_s2=YAW_SLEW_RAD_S2,
+            yaw_acceleration_rad_s2=min(c.yaw_acceleration_rad_s2, YAW_SLEW_RAD_S2),
         ),
         up_max_m_s=up,
         down_max_m_s=down,

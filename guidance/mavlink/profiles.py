@@ -249,7 +249,7 @@ PROFILES: Final[dict[str, Profile]] = {
         _px4(
             "px4-rover",
             frozenset({dialect.MAV_TYPE_GROUND_ROVER}),
-            Handling.VELOCITY,
+            Handling.GROUND,
             Asked.VELOCITY_YAW_RATE,
             _VELOCITY,
             PX4_ROVER,

@@ -162,4 +162,16 @@ PX4_ROVER: Final = (
     _limit("RO_YAW_ACCEL_LIM", "its turn rate changes no faster", "deg/s^2", (1.0, 10000.0))._replace(
         zero_is_no_limit=True
     ),
+    _limit("RA_WHEEL_BASE", "of it and the steering is the tightest turn", "m", (0.01, 50.0))._replace(
+        zero_is_no_limit=True
+    ),
+    _limit("RA_MAX_STR_ANG", "of it and the wheel base is the tightest turn", "rad", (0.01, 1.5))._replace(
+        zero_is_no_limit=True
+    ),
+    _limit("RD_WHEEL_TRACK", "it is set of a differential rover", "m", (0.01, 50.0))._replace(
+        zero_is_no_limit=True
+    ),
+    _limit("RD_TRANS_DRV_TRN", "farther off its bearing it stops to turn", "rad", (0.001, 3.15))._replace(
+        zero_is_no_limit=True
+    ),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -48,8 +48,8 @@ HANDLERS: Final[Mapping[str, str]] = {
 class Autopilot(ABC):
     """A firmware: it sees messages, its loop's ticks and the estimator, and says what the body shall do.
 
-    Instants are `boot_ns`, ns since boot of the vehicle's own clock. The firmware's closed loops (attitude,
-    heading) see the plant as it is: the noise of the estimate is in the telemetry only.
+    Instants are `boot_ns`, ns since boot of the vehicle's own clock. The firmware's closed loops on
+    attitude see the plant as it is, without the estimate's noise; a bearing is steered to by the estimate.
     """
 
     idle: ClassVar[Control]
@@ -82,6 +82,7 @@ class Autopilot(ABC):
         self.now_ns = self._started_ns = 0
         self.sample: Sample | None = None
         self.body: BodyState | None = None
+        self.seen: Callable[[], BodyState] | None = None  # what its estimator makes of it
         self._held: list[Any] | None = None
         self._builders = {i: build for i, build in self.builders().items() if i not in self._unknown()}
         self.withheld: set[int] = set()  # known, accepted when asked for, and not sent

@@ -39,7 +39,8 @@ class Px4Rover(Px4):
             )
         if not math.isfinite(north + east):
             return self.idle
-        heading = euler_from_attitude(state.attitude_wxyz)[2]
+        seen = state if self.seen is None else self.seen()
+        heading = euler_from_attitude(seen.attitude_wxyz)[2]
         yaw_rate_max = math.radians(value["RO_YAW_RATE_LIM"])
         yaw_rate, speed = steered(value["RO_YAW_P"], yaw_rate_max, heading, north, east)
         return Drive(yaw_rate, min(speed, speed_max))

@@ -23,6 +23,7 @@ from sitl.vehicle.ardupilot_rover import ArduRover
 from sitl.vehicle.autopilot import Autopilot
 from sitl.vehicle.bodies.ideal import IdealBody
 from sitl.vehicle.bodies.making import body_of, takes
+from sitl.vehicle.body import BodyState
 from sitl.vehicle.clock import BootClock
 from sitl.vehicle.command import ACCEPTED
 from sitl.vehicle.controls import WORKING, Drive, Effect
@@ -76,6 +77,7 @@ class Vehicle:
         self._estimator = Estimator(options.noise, options.seed, boot_ns)
         self._state = self._body.ahead(boot_ns)
         self._state_ns = boot_ns
+        self._pilot.seen = self._estimate
         self._next_ns = self._next_boot_ns = self._wake_boot_ns = 0
         self._boot(boot_ns, options.clock_offset_ns)
         if options.initially_armed or options.airborne:
@@ -281,9 +283,11 @@ class Vehicle:
         control = self._pilot.command(self._state)
         self._body.tell(control if self._effect is WORKING else self._effect.of(control), self._state_ns)
 
+    def _estimate(self) -> BodyState:
+        return self._estimator.estimate(self._state, self._state_ns)
+
     def _sample(self, boot_ns: int) -> Sample:
-        estimate = self._estimator.estimate(self._state, self._state_ns)
-        return Sample(boot_ns, estimate, self.options.origin, _projection(self.options.firmware))
+        return Sample(boot_ns, self._estimate(), self.options.origin, _projection(self.options.firmware))
 
 
 def _projection(firmware: Firmware) -> Projection:

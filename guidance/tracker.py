@@ -239,8 +239,8 @@ class Tracker:
         assert self.start_ns is not None
         assert self.origin_ned_m is not None
         trajectory_s = self._trajectory_s(estimate.instant_ns, self.start_ns)
-        relative = sample(self._trajectory, trajectory_s)
-        reference = relative._replace(position=add(self.origin_ned_m, relative.position))
+        position, velocity, acceleration = sample(self._trajectory, trajectory_s)
+        reference = Reference(add(self.origin_ned_m, position), velocity, acceleration)
         dt_s = max(estimate.instant_ns - self._stepped_ns, 0) * 1e-9
         self._stepped_ns = estimate.instant_ns
         if self._unblended:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from operator import attrgetter
 from pathlib import Path
 from typing import Final
@@ -132,3 +133,12 @@ def test_rows_are_whole(profile: object) -> None:
         assert row.required <= row.used
     required = [row.parameter for row in table if row.required]
     assert names[: len(required)] == required
+
+
+@pytest.mark.parametrize("bound", [0.01, 10.0])
+def test_a_bound_that_was_kept_as_a_float32_may_be(bound: float) -> None:
+    """It told that 0.01 cannot be, since 0.01 to 10 may."""
+    row = Requirement("ATC_TURN_MAX_G", "it turns no tighter", unit="g", plausible=(0.01, 10.0))
+    kept = struct.unpack("<f", struct.pack("<f", bound))[0]
+    assert judged(row, {row.parameter: kept}, CONFIG).grade is Grade.GOOD
+    assert judged(row, {row.parameter: bound * (0.999 if bound < 1.0 else 1.001)}, CONFIG).grade is Grade.BAD

@@ -7,8 +7,8 @@ integral is one: what it has learned at one speed it knows at all.
 What counts as missing is measured against what the vehicle would show by now if the map were right: the
 wanted speed after the delay of the line, which is known at every step, and the lag that it is known to answer
 with. Without that, each change of speed would fill the integral, and over a slow line the loop would drive
-the vehicle to and fro. The integral rests where the sum is at its end, and below `SLOWEST_M_S` there is no factor
-to be seen.
+the vehicle to and fro. The integral rests where the sum is at its end, and below `SLOWEST_M_S` there is no
+factor to be seen.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Speeds (m/s) that should be acted on and show by now, and by which part the map is short, as learned."""
+    """Speeds (m/s) that should be acted on and show by now; by which part the map is short, as learned."""
 
     acted_on_m_s: float
     expected_m_s: float

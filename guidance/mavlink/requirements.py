@@ -19,6 +19,8 @@ Bound = float | str
 
 #: An exact value may differ by this part: for the float32 that it was kept in, and for what is rounded.
 SAME: Final = 0.01
+#: The float32 alone differs by no more than this part.
+FLOAT32: Final = 1e-7
 
 
 class Requirement(NamedTuple):
@@ -128,7 +130,7 @@ def judged(row: Requirement, answers: Mapping[str, float], config: object) -> Ju
         return _meaning(row, name, value, shown)
     if value <= 0.0 and row.zero_is_no_limit:
         return Judged(name, Grade.GOOD, "no limit")
-    if row.plausible is not None and not row.plausible[0] <= value <= row.plausible[1]:
+    if row.plausible is not None and not _within(value, *row.plausible):
         low, high = (_number(bound / own) for bound in row.plausible)
         return Judged(
             name,
@@ -141,6 +143,11 @@ def judged(row: Requirement, answers: Mapping[str, float], config: object) -> Ju
         return Judged(name, Grade.GOOD, shown)
     grade = Grade.BAD if row.serious else Grade.DOUBTFUL
     return Judged(name, grade, f"{shown}, needs {problem[0]}", f"{problem[1]}: {row.why}")
+
+
+def _within(value: float, low: float, high: float) -> bool:
+    """A bound itself is within, rounded to the float32 that a parameter is."""
+    return low - FLOAT32 * abs(low) <= value <= high + FLOAT32 * abs(high)
 
 
 def _meaning(row: Requirement, name: str, value: float, shown: str) -> Judged:

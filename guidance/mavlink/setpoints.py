@@ -6,7 +6,7 @@ to an autopilot NaN means anything but "nothing".
 
 from __future__ import annotations
 
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -57,17 +57,14 @@ class Outgoing(NamedTuple):
 
     def is_finite(self) -> bool:
         """Whether every number is."""
-        return all(map(isfinite, self.numbers()))
-
-    def numbers(self) -> tuple[float, ...]:
-        """All of them."""
-        fields = (*self.body_rates_frd_rad_s, *self.attitude_wxyz, *self.velocity_ned_m_s)
-        return (*fields, self.thrust, self.speed_m_s)
+        total = self.thrust + self.speed_m_s
+        total += sum(self.body_rates_frd_rad_s) + sum(self.attitude_wxyz) + sum(self.velocity_ned_m_s)
+        return total - total == 0.0
 
 
 def _clamp(value: float, low: float, high: float) -> float:
-    """Into [low, high]; NaN stays NaN because it is compared first."""
-    return min(max(value, low), high)
+    """Into [low, high]; NaN stays NaN because it is neither below nor above."""
+    return low if value < low else high if value > high else value
 
 
 def _rate(value: float) -> float:

@@ -215,7 +215,7 @@ def test_absurd_parameters_never_become_a_flight(key: str, value: float, tmp_pat
         p = handler._fitted.parameters
         assert p.envelope.airspeed_min_m_s >= 3.0
         assert 0.0 < p.roll_rate_rad_s <= 1.5
-        assert -0.5 < p.pitch.lowest_rad < p.pitch.highest_rad < 0.5
+        assert -0.53 < p.pitch.lowest_rad < p.pitch.highest_rad < 0.5
         assert 0.0 <= p.throttle.lowest < p.throttle.highest <= 1.0
         assert 0.0 < p.envelope.bank_max_rad < 1.4
         assert p.envelope.climb_max_m_s < inf

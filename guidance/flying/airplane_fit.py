@@ -46,6 +46,8 @@ ASKED_FOR: Final = tuple(name for names in _NAMES.values() for name, _ in names)
 #: Of the cruise airspeed, the climb and sink that are asked for where nothing says more.
 _CLIMB_PART: Final = 0.2
 _PITCH_DEG: Final = 25.0
+#: The nose goes down further, as far as the autopilot lets it: that ends a stall.
+_DIVE_DEG: Final = 30.0
 _THROTTLE_CRUISE: Final = 0.5
 
 
@@ -93,7 +95,7 @@ def airframe_of(config: Config, values: Mapping[str, float]) -> Airframe | str:
         climb_full_m_s=full,
         throttle_cruise=c.throttle_cruise or told(values, "throttle_cruise") or _THROTTLE_CRUISE,
         pitch_cruise_rad=radians(pitch_deg),
-        pitch_lowest_rad=radians(max(-_PITCH_DEG, _or(told(values, "pitch_min"), -_PITCH_DEG))),
+        pitch_lowest_rad=radians(max(-_DIVE_DEG, _or(told(values, "pitch_min"), -_PITCH_DEG))),
         pitch_highest_rad=radians(min(_PITCH_DEG, _or(told(values, "pitch_max"), _PITCH_DEG))),
         floor_down_m=_or(c.floor_down_m, inf),
     )

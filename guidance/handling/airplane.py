@@ -69,7 +69,7 @@ class Trims(NamedTuple):
 
 class Memory(NamedTuple):
     """Of each function its own; `side` is the latched one of `airplane_course`, `obeyed_rad` the bank that
-    the demands of the last `ahead_s` lead to."""
+    the demands of the last `ahead_s` lead to, `slow_s` how long it has been too slow."""
 
     side: int
     wind: airplane_wind.Memory
@@ -78,6 +78,7 @@ class Memory(NamedTuple):
     throttle_trim: float
     waiting: waiting.Memory
     obeyed_rad: float
+    slow_s: float
     started: bool
 
 
@@ -143,6 +144,7 @@ def unstarted(trims: Trims) -> Memory:
         trims.pitch_rad,
         trims.throttle,
         waiting.ON_TIME,
+        0.0,
         0.0,
         False,
     )
@@ -251,15 +253,17 @@ def airplane_step(
 
     bank = airplane_bank.bank_for(lateral, upright, eta, bank_max)
     saturated = bank.saturated or turn.saturated
+    slow_s = airplane_envelope.slow_step(p.envelope, memory.slow_s, airspeed, dt)
     pitch = airplane_pitch.pitch_for(
         p.pitch,
         memory.pitch_trim_rad,
         path_wanted,
         path_now,
         bank_now,
-        upright,
+        airplane_envelope.unloaded(p.envelope, airspeed, upright / GRAVITY_M_S2),
         airspeed,
         airplane_envelope.most_load(p.envelope, airspeed, airplane_envelope.WING_PART),
+        airplane_envelope.pushed_rad(slow_s),
         climb.guarded,
         dt,
     )
@@ -287,7 +291,7 @@ def airplane_step(
     )
     # half of what was asked for within `ahead_s` acts by then
     obeyed += clamp(2.0 * dt / max(measured.ahead_s, dt, LEAST_S), 0.0, 1.0) * (bank.bank_rad - obeyed)
-    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock, obeyed, True)
+    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock, obeyed, slow_s, True)
     power = p.throttle.highest if full else throttle.throttle
     return (
         after,

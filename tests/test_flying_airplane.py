@@ -300,9 +300,9 @@ def test_an_airspeed_is_used_while_it_is_young(quiet: Loop, monkeypatch: pytest.
     handler = quiet.tracker.handler
     assert isinstance(handler, Airplane)
     for bad in (nan, inf, -1.0):
-        handler.heard(VfrHud(bad))
+        handler.heard(VfrHud(bad, 0.0))
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 0.0
-    handler.heard(VfrHud(12.5))
+    handler.heard(VfrHud(12.5, 0.0))
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 12.5
     quiet.fly(AIRSPEED_S)
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 0.0

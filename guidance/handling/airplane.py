@@ -108,7 +108,8 @@ class Demand(NamedTuple):
 
 class Evaluation(NamedTuple):
     """What a step found, for the record. `airspeed_m_s` is |v - w|, `asked_m_s` the one that is asked for;
-    `turn_aside` the latched side. The flags say which limit changed something."""
+    `turn_aside` the latched side. The flags say which limit changed something, and whether the
+    measured airspeed is not believed."""
 
     reference: Reference
     e: Vec3
@@ -129,6 +130,7 @@ class Evaluation(NamedTuple):
     climb_limited: bool
     floored: bool
     stall_guard: bool
+    airspeed_doubted: bool
 
 
 #: A flight of which nothing is known.
@@ -167,12 +169,13 @@ def airplane_step(
     seen = measured.velocity_ned_m_s
     bank_now = roll_of(measured.pose.attitude)
     heading = yaw_of(measured.pose.attitude)
+    sensed = airplane_wind.believed_m_s(memory.wind, seen, measured.airspeed_m_s)
     wind = airplane_wind.wind_step(
         p.wind,
         memory.wind,
         seen,
         heading,
-        measured.airspeed_m_s,
+        sensed,
         measured.wind_given,
         measured.wind_ned_m_s,
         dt,
@@ -187,7 +190,7 @@ def airplane_step(
     air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
     carried = sqrt(air * air + v.z * v.z)
     # the wing feels the gusts that a sensor sees; the path over ground does not
-    airspeed = max(measured.airspeed_m_s, MOVING_M_S) if measured.airspeed_m_s > 0.0 else carried
+    airspeed = max(sensed, MOVING_M_S) if sensed > 0.0 else carried
     course = atan2(ground_s, ground_c)
 
     # as steep as the wing is loaded now
@@ -316,6 +319,7 @@ def airplane_step(
             climb.limited,
             climb.floored,
             climb.guarded or full,
+            sensed != measured.airspeed_m_s,
         ),
     )
 

@@ -145,7 +145,10 @@ class Orders:
         name = new.__struct_config__.tag
         if config == self.config:
             return _Outcome(True, "load", f"trajectory {name}: already loaded", "already loaded")
-        self._take(config)
+        refused = self._tracker.reconfigure(config)
+        if refused is not None:
+            return _refused("load", refused)
+        self.config = config
         keys = ", ".join(f"{key} = {shown(value)}" for key, value in asdict(new).items())
         return _Outcome(True, "load", f"trajectory loaded: {name}, {keys}", "")
 
@@ -162,12 +165,11 @@ class Orders:
             already = f"{key} = {_said(value)} already"
             return _Outcome(True, "set", already, already)
         change = f"{key}: {_said(settings(self.config)[key])} -> {_said(settings(config)[key])}"
-        self._take(config)
-        return _Outcome(True, "set", change, change)
-
-    def _take(self, config: Config) -> None:
+        refused = self._tracker.reconfigure(config)
+        if refused is not None:
+            return _refused("set", refused)
         self.config = config
-        self._tracker.reconfigure(config)
+        return _Outcome(True, "set", change, change)
 
 
 def reported(value: NamedValueFloat, tracker: Tracker, counters: Counter[str], now_ns: int) -> Event | None:

@@ -96,6 +96,12 @@ def first_unmet(
         speed_m_s = norm(estimate.velocity_ned_m_s)
         if config.excitation.runs and speed_m_s > STANDS_M_S:
             return f"it moves at {speed_m_s:.1f} m/s, and steps begin at rest: let it stand"
+        if not engaging:
+            for name, _ in profile.air[:1]:
+                stream = link.streams.get(name)
+                if stream is None or not stream.status(now_ns).alive:
+                    return f"no {name}: an airplane is not flown without its airspeed"
+            return tracker.unmet(estimate, link.origin, link.home)
     return None
 
 

@@ -188,7 +188,7 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
     the bank and the trims of pitch and throttle are learned. The trajectory's clock runs at `clock_rate` and
     is `waited_s` behind the flight's. `turning_aside`: it flies nearly opposite, and the side is kept;
     `climb_limited`: the climb is not what the field wants, `floored`: for the floor, `stall_guard`: for the
-    airspeed, or the throttle is full for it.
+    airspeed, or the throttle is full for it; `airspeed_doubted`: what is measured does not fit the wind.
     """
 
     course_rad: float
@@ -212,6 +212,7 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
     climb_limited: bool
     floored: bool
     stall_guard: bool
+    airspeed_doubted: bool
 
 
 class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):

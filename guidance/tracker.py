@@ -136,11 +136,14 @@ class Tracker:
         self._forget_resets()
         self.handler.configure(self._config, origin_ned_m, self.allocation)
 
-    def reconfigure(self, config: Config) -> None:
-        """Gains, limits and trajectory are these from the next setpoint on; they are checked already."""
-        self._config = config
-        self._trajectory = config.trajectory
-        self.handler.configure(config, self.origin_ned_m or ZERO, self.allocation)
+    def reconfigure(self, config: Config) -> str | None:
+        """Gains, limits and trajectory are these from the next setpoint on; they are checked already. Or why
+        this vehicle cannot be flown with them: then nothing changes."""
+        refused = self.handler.configure(config, self.origin_ned_m or ZERO, self.allocation)
+        if refused is None:
+            self._config = config
+            self._trajectory = config.trajectory
+        return refused
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """What the autopilot's parameters say of the vehicle holds from here on; or why it must not be flown
@@ -206,6 +209,15 @@ class Tracker:
                 (home.latitude * 1e-7, home.longitude * 1e-7, home.altitude * 1e-3), at
             )
         return self._profile.project(self._origin, at)
+
+    def unmet(self, estimate: Estimate, ekf: GpsGlobalOrigin | None, home: HomePosition | None) -> str | None:
+        """Why a flight must not begin now, as what flies the vehicle sees it; the origin must be known."""
+        origin = self.find_origin(estimate.pose.position, ekf, home)
+        assert isinstance(origin, Vec3)
+        ground_down_m = None
+        if ekf is not None and home is not None:
+            ground_down_m = (ekf.altitude - home.altitude) * 1e-3
+        return self.handler.unmet(estimate, origin, ground_down_m)
 
     def start_error_m(self, position_ned_m: Vec3, origin_ned_m: Vec3) -> float:
         """|x - r| where the flight begins or goes on, in the plane for a planar vehicle."""

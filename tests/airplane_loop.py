@@ -154,7 +154,7 @@ class Loop:
         if (self.now_ns // STEP_NS) % 10 == 0:
             handler = self.tracker.handler
             if self._sensed is not None:
-                handler.heard(VfrHud(self._sensed(s.airspeed_m_s + 0.3 * z[0])))
+                handler.heard(VfrHud(self._sensed(s.airspeed_m_s + 0.3 * z[0]), 0.0))
             wind = self.weather.wind
             if self._wind_told:
                 from_deg = degrees(atan2(-wind.east_m_s, -wind.north_m_s))

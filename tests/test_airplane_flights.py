@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import radians
+from math import cos, radians, sin
 
 import numpy as np
 import pytest
@@ -205,6 +205,31 @@ def test_it_recovers_from_a_stall_and_flies_on(speed: int) -> None:
     assert seen[recovered + 50 :, 1].min() > least
     assert seen[:, 2].min() > 45.0
     assert seen[-1, 2] == pytest.approx(65.0, abs=1.0)
+
+
+@pytest.mark.parametrize("speed", AIRPLANES)
+@pytest.mark.parametrize("altering", [{}, {"alpha_zero_rad": -2.0}, {"alpha_zero_rad": 2.0}])
+@pytest.mark.parametrize(("part", "roll_deg", "path_deg"), [(0.6, 0, -20), (0.6, -60, -40), (0.8, 45, 0)])
+def test_it_recovers_from_every_stall_in_which_it_can_be_taken_over(
+    speed: int, altering: dict[str, float], part: float, roll_deg: float, path_deg: float
+) -> None:
+    """A stalled wing brakes more than the throttle pulls: PX4's airplane glided on to the ground."""
+    plane = AIRPLANES[speed]
+    body = {key: getattr(plane.body, key) + radians(value) for key, value in altering.items()}
+    plane = altered(plane, **body)
+    least = plane.guide.envelope.airspeed_min_m_s
+    state = model.flying(plane.body, 0.0, 10.0, -60.0, 1.0, part * least, CALM)
+    level = part * least * cos(radians(path_deg))
+    state = state._replace(
+        velocity_north_m_s=level * cos(1.0),
+        velocity_east_m_s=level * sin(1.0),
+        velocity_down_m_s=-part * least * sin(radians(path_deg)),
+        roll_rad=radians(roll_deg),
+    )
+    seen = flown_plainly(plane, speed, state, -65.0, 20.0)
+    assert seen[:, 2].min() > 35.0  # 43.7 and 50.7
+    assert seen[-1, 2] == pytest.approx(65.0, abs=1.0)
+    assert seen[-500:, 1].min() > least
 
 
 @pytest.mark.parametrize("speed", AIRPLANES)

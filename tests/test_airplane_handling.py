@@ -180,9 +180,7 @@ def test_without_a_floor_there_is_none() -> None:
 
 
 def pitch(wanted: float, path: float = 0.0, bank: float = 0.0, load_max: float = 1.5) -> airplane_pitch.Pitch:
-    return airplane_pitch.pitch_for(
-        PITCH, 0.01, wanted, path, bank, GRAVITY_M_S2, 12.0, load_max, False, DT_S
-    )
+    return airplane_pitch.pitch_for(PITCH, 0.01, wanted, path, bank, 1.0, 12.0, load_max, 0.0, False, DT_S)
 
 
 def test_pitch_is_path_and_angle_of_attack_and_trim() -> None:
@@ -198,21 +196,31 @@ def test_no_pull_up_is_sharper_than_the_wing_carries() -> None:
     assert pitch(0.3, 0.0, load_max=0.7).pitch_rad < pitch(0.0, 0.0).pitch_rad
 
 
+def test_a_slow_wing_is_unloaded_and_the_nose_pushed_down() -> None:
+    least = ENVELOPE.airspeed_min_m_s
+    assert airplane_envelope.unloaded(ENVELOPE, 1.01 * least, 1.3) == 1.3
+    assert airplane_envelope.unloaded(ENVELOPE, 0.85 * least, 1.3) == pytest.approx(0.5 * 0.85**2)
+    assert airplane_envelope.unloaded(ENVELOPE, 0.999 * least, 1.3) == pytest.approx(1.0, abs=0.01)
+    slow_s = 0.0
+    for _ in range(400):
+        slow_s = airplane_envelope.slow_step(ENVELOPE, slow_s, 0.95 * least, 0.01)
+    assert airplane_envelope.pushed_rad(slow_s) == pytest.approx(0.6)
+    for _ in range(300):
+        slow_s = airplane_envelope.slow_step(ENVELOPE, slow_s, 1.05 * least, 0.01)
+    assert slow_s == pytest.approx(0.0)
+
+
 def test_the_trim_is_learned_bounded_and_frozen() -> None:
     trim = 0.0
     for _ in range(5000):
-        trim = airplane_pitch.pitch_for(
-            PITCH, trim, 0.1, 0.0, 0.0, GRAVITY_M_S2, 12.0, 1.5, False, DT_S
-        ).trim_rad
+        trim = airplane_pitch.pitch_for(PITCH, trim, 0.1, 0.0, 0.0, 1.0, 12.0, 1.5, 0.0, False, DT_S).trim_rad
     assert trim == PITCH.trim_max_rad
-    frozen = airplane_pitch.pitch_for(PITCH, 0.02, 0.1, 0.0, 0.0, GRAVITY_M_S2, 12.0, 1.5, True, DT_S)
+    frozen = airplane_pitch.pitch_for(PITCH, 0.02, 0.1, 0.0, 0.0, 1.0, 12.0, 1.5, 0.0, True, DT_S)
     assert frozen.trim_rad == 0.02
     # at the pitch's own limit it does not wind up, but unwinds
     at_limit = PITCH._replace(highest_rad=-0.2)
     for missing, moves in ((0.1, False), (-0.1, True)):
-        found = airplane_pitch.pitch_for(
-            at_limit, 0.1, missing, 0.0, 0.0, GRAVITY_M_S2, 12.0, 1.5, False, DT_S
-        )
+        found = airplane_pitch.pitch_for(at_limit, 0.1, missing, 0.0, 0.0, 1.0, 12.0, 1.5, 0.0, False, DT_S)
         assert (found.trim_rad != 0.1) == moves
 
 

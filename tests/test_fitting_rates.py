@@ -42,7 +42,7 @@ def test_airspeed_and_wind_reach_what_flies_and_nothing_else_does() -> None:
         mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, 50, 0, 0, 0, 0, 0, 0),
     ):
         flight.inject(sender.pack(message))
-    assert handler.bodies == [VfrHud(12.5), Wind(270.0, 5.0, -0.25), WindCov(3.0, -4.0, 0.5)]
+    assert handler.bodies == [VfrHud(12.5, 100.0), Wind(270.0, 5.0, -0.25), WindCov(3.0, -4.0, 0.5)]
     assert flight.guide.link.counters["VFR_HUD:not_finite"] == 1
 
 

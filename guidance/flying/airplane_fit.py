@@ -21,6 +21,7 @@ from typing import Final, NamedTuple
 from guidance.config import Config
 from guidance.handling import airplane, waiting
 from guidance.handling.airplane_defaults import Airframe, handling, patience
+from guidance.limits import clamp
 from guidance.tuning import Bounded, BoundedApart
 
 #: What the autopilots call it, newest name first, and what makes it m/s, degrees or a part of 1. An airplane
@@ -46,6 +47,8 @@ ASKED_FOR: Final = tuple(name for names in _NAMES.values() for name, _ in names)
 #: Of the cruise airspeed, the climb and sink that are asked for where nothing says more.
 _CLIMB_PART: Final = 0.2
 _PITCH_DEG: Final = 25.0
+#: The nose goes down further, as far as the autopilot lets it: that ends a stall.
+_DIVE_DEG: Final = 30.0
 _THROTTLE_CRUISE: Final = 0.5
 
 
@@ -54,8 +57,14 @@ def told(values: Mapping[str, float], what: str) -> float | None:
     return next((values[name] * scale for name, scale in _NAMES[what] if name in values), None)
 
 
-def airframe_of(config: Config, values: Mapping[str, float]) -> Airframe | str:
-    """The airframe, or what of it is not known."""
+def thinness(altitude_m: float) -> float:
+    """True over calibrated airspeed at this height above mean sea level, in the standard atmosphere."""
+    return float((1.0 - 2.25577e-5 * clamp(altitude_m, -500.0, 10_000.0)) ** -2.12794)
+
+
+def airframe_of(config: Config, values: Mapping[str, float], thin: float = 1.0) -> Airframe | str:
+    """The airframe in air where true airspeeds are `thin` times the calibrated ones of configuration and
+    autopilot, or what of it is not known."""
     c, limits = config.airplane, config.limits
     slowest = _highest(c.airspeed_min_m_s, told(values, "airspeed_min"))
     fastest = _lowest(c.airspeed_max_m_s, told(values, "airspeed_max"))
@@ -81,9 +90,9 @@ def airframe_of(config: Config, values: Mapping[str, float]) -> Airframe | str:
         pitch_deg = told(values, "pitch_cruise") or 0.0
     part = _CLIMB_PART * cruise
     return Airframe(
-        airspeed_min_m_s=slowest,
-        airspeed_cruise_m_s=cruise,
-        airspeed_max_m_s=min(fastest, limits.speed_max_m_s),
+        airspeed_min_m_s=slowest * thin,
+        airspeed_cruise_m_s=cruise * thin,
+        airspeed_max_m_s=min(fastest * thin, limits.speed_max_m_s),
         bank_max_rad=radians(bank_deg),
         roll_rate_rad_s=min(limits.roll_rate_max_rad_s, radians(roll_rate_deg)),
         lag_s=c.bank_lag_s,
@@ -93,7 +102,7 @@ def airframe_of(config: Config, values: Mapping[str, float]) -> Airframe | str:
         climb_full_m_s=full,
         throttle_cruise=c.throttle_cruise or told(values, "throttle_cruise") or _THROTTLE_CRUISE,
         pitch_cruise_rad=radians(pitch_deg),
-        pitch_lowest_rad=radians(max(-_PITCH_DEG, _or(told(values, "pitch_min"), -_PITCH_DEG))),
+        pitch_lowest_rad=radians(max(-_DIVE_DEG, _or(told(values, "pitch_min"), -_PITCH_DEG))),
         pitch_highest_rad=radians(min(_PITCH_DEG, _or(told(values, "pitch_max"), _PITCH_DEG))),
         floor_down_m=_or(c.floor_down_m, inf),
     )
@@ -106,9 +115,10 @@ class Fitted(NamedTuple):
     cruise_m_s: float
 
 
-def fitted(config: Config, values: Mapping[str, float]) -> Fitted | str:
-    """All of it, or why the airplane cannot be flown; `values` are the autopilot's, in its units."""
-    frame = airframe_of(config, values)
+def fitted(config: Config, values: Mapping[str, float], thin: float = 1.0) -> Fitted | str:
+    """All of it, or why the airplane cannot be flown; `values` are the autopilot's, in its units, and `thin`
+    is the air's `thinness`."""
+    frame = airframe_of(config, values, thin)
     if isinstance(frame, str):
         return frame
     c, law = config.airplane, config.law

@@ -65,13 +65,17 @@ class Excited:
         """As `Handler` says."""
         return self._inner.recall(learned)
 
-    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> None:
+    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> str | None:
         """As `Handler` says."""
-        self._inner.configure(config, origin_ned_m, allocation)
+        return self._inner.configure(config, origin_ned_m, allocation)
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """As `Handler` says."""
         return self._inner.fit(values)
+
+    def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
+        """As `Handler` says."""
+        return self._inner.unmet(estimate, origin_ned_m, ground_down_m)
 
     def heard(self, body: Body) -> None:
         """As `Handler` says."""

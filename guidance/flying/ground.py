@@ -50,6 +50,10 @@ class Ground:
         self._parameters = ground_parameters(self._config, self._origin_ned_m, self._values)
         return None
 
+    def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
+        """Nothing."""
+        return None
+
     def recall(self, learned: str) -> str | None:
         """Nothing is learned."""
         return "this vehicle learns nothing"

@@ -37,6 +37,10 @@ class Rates:
         """Nothing is taken from them."""
         return None
 
+    def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
+        """Nothing."""
+        return None
+
     def recall(self, learned: str) -> str | None:
         """Nothing is learned."""
         return "this vehicle learns nothing"

@@ -69,7 +69,7 @@ class Trims(NamedTuple):
 
 class Memory(NamedTuple):
     """Of each function its own; `side` is the latched one of `airplane_course`, `obeyed_rad` the bank that
-    the demands of the last `ahead_s` lead to."""
+    the demands of the last `ahead_s` lead to, `slow_s` how long it has been too slow."""
 
     side: int
     wind: airplane_wind.Memory
@@ -78,6 +78,7 @@ class Memory(NamedTuple):
     throttle_trim: float
     waiting: waiting.Memory
     obeyed_rad: float
+    slow_s: float
     started: bool
 
 
@@ -107,7 +108,8 @@ class Demand(NamedTuple):
 
 class Evaluation(NamedTuple):
     """What a step found, for the record. `airspeed_m_s` is |v - w|, `asked_m_s` the one that is asked for;
-    `turn_aside` the latched side. The flags say which limit changed something."""
+    `turn_aside` the latched side. The flags say which limit changed something, and whether the
+    measured airspeed is not believed."""
 
     reference: Reference
     e: Vec3
@@ -128,6 +130,7 @@ class Evaluation(NamedTuple):
     climb_limited: bool
     floored: bool
     stall_guard: bool
+    airspeed_doubted: bool
 
 
 #: A flight of which nothing is known.
@@ -143,6 +146,7 @@ def unstarted(trims: Trims) -> Memory:
         trims.pitch_rad,
         trims.throttle,
         waiting.ON_TIME,
+        0.0,
         0.0,
         False,
     )
@@ -165,12 +169,13 @@ def airplane_step(
     seen = measured.velocity_ned_m_s
     bank_now = roll_of(measured.pose.attitude)
     heading = yaw_of(measured.pose.attitude)
+    sensed = airplane_wind.believed_m_s(memory.wind, seen, measured.airspeed_m_s)
     wind = airplane_wind.wind_step(
         p.wind,
         memory.wind,
         seen,
         heading,
-        measured.airspeed_m_s,
+        sensed,
         measured.wind_given,
         measured.wind_ned_m_s,
         dt,
@@ -185,7 +190,7 @@ def airplane_step(
     air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
     carried = sqrt(air * air + v.z * v.z)
     # the wing feels the gusts that a sensor sees; the path over ground does not
-    airspeed = max(measured.airspeed_m_s, MOVING_M_S) if measured.airspeed_m_s > 0.0 else carried
+    airspeed = max(sensed, MOVING_M_S) if sensed > 0.0 else carried
     course = atan2(ground_s, ground_c)
 
     # as steep as the wing is loaded now
@@ -251,15 +256,17 @@ def airplane_step(
 
     bank = airplane_bank.bank_for(lateral, upright, eta, bank_max)
     saturated = bank.saturated or turn.saturated
+    slow_s = airplane_envelope.slow_step(p.envelope, memory.slow_s, airspeed, dt)
     pitch = airplane_pitch.pitch_for(
         p.pitch,
         memory.pitch_trim_rad,
         path_wanted,
         path_now,
         bank_now,
-        upright,
+        airplane_envelope.unloaded(p.envelope, airspeed, upright / GRAVITY_M_S2),
         airspeed,
         airplane_envelope.most_load(p.envelope, airspeed, airplane_envelope.WING_PART),
+        airplane_envelope.pushed_rad(slow_s),
         climb.guarded,
         dt,
     )
@@ -287,7 +294,7 @@ def airplane_step(
     )
     # half of what was asked for within `ahead_s` acts by then
     obeyed += clamp(2.0 * dt / max(measured.ahead_s, dt, LEAST_S), 0.0, 1.0) * (bank.bank_rad - obeyed)
-    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock, obeyed, True)
+    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock, obeyed, slow_s, True)
     power = p.throttle.highest if full else throttle.throttle
     return (
         after,
@@ -312,6 +319,7 @@ def airplane_step(
             climb.limited,
             climb.floored,
             climb.guarded or full,
+            sensed != measured.airspeed_m_s,
         ),
     )
 

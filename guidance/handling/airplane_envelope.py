@@ -7,8 +7,11 @@ In this order, so that the last word is the stall guard's:
 2. no climb that full throttle cannot hold;
 3. within `margin_m_s` of the least airspeed the climb fades, and below it the nose goes down: at most level,
    then a sink. Then the throttle is full and the wings are level (`airplane_bank.bank_limit`), whatever the
-   path wants. A pull-up is no sharper than what the wing
-   carries at this speed (`airplane_pitch`), as if it stalled at `WING_PART` V_min.
+   path wants. A pull-up is no sharper than what the wing carries at this speed (`airplane_pitch`), as if it
+   stalled at `WING_PART` V_min. And the wing is asked for less than that (`unloaded`): a stalled one brakes
+   more than full throttle can pull, and stays stalled for as long as the nose follows a path that is steep
+   for that reason. Where the wing stalls is known badly, so that the nose goes down the further the longer
+   the airplane stays too slow (`pushed_rad`).
 """
 
 from __future__ import annotations
@@ -23,6 +26,11 @@ DIVE_SINE: Final = 0.4
 DIVE_BELOW: Final = 0.15
 #: The wing still flies at this part of the least airspeed: what is left for gusts and pull-ups.
 WING_PART: Final = 0.9
+#: Of what the wing carries at that speed, so much is asked of it there: it stalls no more.
+UNLOADED: Final = 0.5
+#: For each second below the least airspeed the nose goes down by so much more, rad; so long at most.
+PUSH_RAD_S: Final = 0.2
+PUSHED_S: Final = 3.0
 #: Part of the way down to the least airspeed that is asked for at once.
 SOFTLY: Final = 0.5
 
@@ -77,6 +85,26 @@ def most_load(parameters: Parameters, airspeed_m_s: float, part: float) -> float
     """The load factor that the wing may carry at this airspeed, (V/(part V_min))^2 and `load_max` at most."""
     ratio = airspeed_m_s / (part * parameters.airspeed_min_m_s)
     return min(parameters.load_max, ratio * ratio)
+
+
+def unloaded(parameters: Parameters, airspeed_m_s: float, load: float) -> float:
+    """The load factor to choose the angle of attack by: from the least airspeed down, less of it."""
+    ratio = airspeed_m_s / parameters.airspeed_min_m_s
+    if ratio >= 1.0:
+        return load
+    part = 1.0 - (1.0 - UNLOADED) * min((1.0 - ratio) / DIVE_BELOW, 1.0)
+    return min(load, part * ratio * ratio)
+
+
+def slow_step(parameters: Parameters, slow_s: float, airspeed_m_s: float, dt_s: float) -> float:
+    """For how long it has been slower than the least airspeed, s; above it that is forgotten as quickly."""
+    slow_s += dt_s if stalling(parameters, airspeed_m_s) else -dt_s
+    return clamp(slow_s, 0.0, PUSHED_S)
+
+
+def pushed_rad(slow_s: float) -> float:
+    """How far the nose is pushed down after that."""
+    return PUSH_RAD_S * slow_s
 
 
 def stalling(parameters: Parameters, airspeed_m_s: float) -> bool:

@@ -59,24 +59,24 @@ def pitch_for(
     wanted_rad: float,
     path_rad: float,
     bank_rad: float,
-    vertical_m_s2: float,
+    upright_load: float,
     airspeed_m_s: float,
     load_max: float,
+    pushed_rad: float,
     frozen: bool,
     dt_s: float,
 ) -> Pitch:
     """The pitch for the path angle `wanted_rad` when path and bank are these, at `load_max` g at most.
 
+    `upright_load` is a_ver/g of the formula above; a stall guard holds the nose `pushed_rad` lower.
     The trim is learned unless `frozen`, and not further into the pitch's own limits.
     """
     p = parameters
     turned = TURNED_S * GRAVITY_M_S2 / airspeed_m_s
     missing = clamp(wanted_rad - path_rad, turned * (LOAD_MIN - 1.0), turned * (load_max - 1.0))
-    load = vertical_m_s2 / GRAVITY_M_S2
-    alpha = p.alpha_zero_rad * cos(bank_rad) + p.alpha_per_load_rad_m2_s2 * load / (
-        airspeed_m_s * airspeed_m_s
-    )
-    wanted = path_rad + missing + alpha + p.lead * missing + trim_rad
+    v2 = airspeed_m_s * airspeed_m_s
+    alpha = p.alpha_zero_rad * cos(bank_rad) + p.alpha_per_load_rad_m2_s2 * upright_load / v2
+    wanted = path_rad + missing + alpha + p.lead * missing + trim_rad - pushed_rad
     pitch = clamp(wanted, p.lowest_rad, p.highest_rad)
     winding = (wanted > p.highest_rad and missing > 0.0) or (wanted < p.lowest_rad and missing < 0.0)
     if not frozen and not winding:

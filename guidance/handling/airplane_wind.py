@@ -33,7 +33,21 @@ class Memory(NamedTuple):
     known: bool
 
 
+#: An airspeed that is further than this part from |v - w|, and this much (m/s), is not believed.
+DOUBTED_PART: Final = 0.3
+DOUBTED_M_S: Final = 3.0
+
 UNKNOWN: Final = Memory(0.0, 0.0, False)
+
+
+def believed_m_s(memory: Memory, velocity_ned_m_s: Vec3, airspeed_m_s: float) -> float:
+    """The airspeed, or 0 if there is none or it does not fit the wind that is known: its sensor is blocked,
+    or jumps. No gust is so strong, and no wind changes so quickly that the estimate does not follow."""
+    if not memory.known:
+        return airspeed_m_s
+    north, east = velocity_ned_m_s.x - memory.north_m_s, velocity_ned_m_s.y - memory.east_m_s
+    air = sqrt(north * north + east * east + velocity_ned_m_s.z * velocity_ned_m_s.z)
+    return airspeed_m_s if abs(airspeed_m_s - air) <= max(DOUBTED_M_S, DOUBTED_PART * air) else 0.0
 
 
 def wind_step(

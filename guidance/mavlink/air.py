@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 
 class VfrHud(NamedTuple):
-    """VFR_HUD (74): the airspeed in m/s, indicated or true as the firmware has it."""
+    """VFR_HUD (74): the calibrated airspeed in m/s (PX4 `VFR_HUD.hpp`; ArduPlane's sensor, else its estimate;
+    0 or NaN: none), and the height above mean sea level in m."""
 
     airspeed: float
+    alt: float
 
 
 class Wind(NamedTuple):

@@ -82,14 +82,17 @@ def global_position_int(s: Sample) -> Any:
 
 
 def vfr_hud(s: Sample) -> Any:
-    """VFR_HUD; airspeed and throttle are 0 for a body that has none."""
+    """VFR_HUD; airspeed (calibrated: less than the true one in thin air) and throttle are 0 for a body that
+    has none."""
+    altitude_m = s.origin.altitude_m - s.position_ned_m[2]
+    thin = max(0.01, 1.0 - 2.25577e-5 * altitude_m) ** -2.12794
     north, east, down = s.velocity_ned_m_s
     return mavlink.MAVLink_vfr_hud_message(
-        s.estimate.airspeed_m_s,
+        s.estimate.airspeed_m_s / thin,
         math.hypot(north, east),
         s.heading_cdeg() // 100,
         max(0, min(100, round(100.0 * s.estimate.throttle))),
-        s.origin.altitude_m - s.position_ned_m[2],
+        altitude_m,
         -down,
     )
 

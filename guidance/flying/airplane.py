@@ -173,9 +173,7 @@ class Airplane:
                 "or an estimate"
             )
         if airspeed < FLIES_PART * least:
-            return (
-                f"the airspeed is {airspeed:.1f} m/s, the least {least:.3g}: take off, this only flies"
-            )
+            return f"the airspeed is {airspeed:.1f} m/s, the least {least:.3g}: take off, this only flies"
         return None
 
     def heard(self, body: Body) -> None:

@@ -26,7 +26,7 @@ from guidance.abilities import (
 )
 from guidance.instants import Instant, level_m_s, level_turn_rad_s, looked_at
 from guidance.se3 import ZERO, Vec3, norm, subtract
-from guidance.trajectory import Trajectory, sample
+from guidance.trajectory import Lemniscate, Trajectory, sample
 
 #: Winds are told apart by so much, each component, m/s.
 WIND_STEP_M_S: Final = 0.5
@@ -48,7 +48,8 @@ class Shortfall(NamedTuple):
 
     What would be feasible there: `speed_m_s`, over ground, at most this (of `is_least`: at least), or
     `radius_m`, of the turn, at least this at the planned speed; each without harm to what is met now. If it
-    is only the stop that asks too much, `over_s` is how long to take for it, inf not to stop.
+    is only the stop that asks too much, `over_s` is how long to take for it, inf not to stop. `instead` is
+    another trajectory of this shape that does not ask for it.
     """
 
     kind: Kind
@@ -62,6 +63,7 @@ class Shortfall(NamedTuple):
     over_s: float = nan
     off_m: float = nan
     pace: float = nan
+    instead: str = ""
 
     @property
     def refuses(self) -> bool:
@@ -106,6 +108,8 @@ class Shortfall(NamedTuple):
             could.append(f"fly {bound} m/s there")
         if not isnan(self.radius_m):
             could.append(f"a radius of at least {_upward(self.radius_m):g} m")
+        if self.instead:
+            could.append(self.instead)
         return (", or ".join(could),) if could else ()
 
 
@@ -152,6 +156,8 @@ def _shortfalls(trajectory: Trajectory, abilities: Abilities, air: _Air) -> tupl
         if _met(kind, value, bound.value):
             continue
         shortfall = Shortfall(kind, at.time_s, at.position, value, bound.value, bound.source)
+        if kind.is_least and isinstance(trajectory, Lemniscate):
+            shortfall = shortfall._replace(instead='"eight", which keeps its speed')
         if trajectory != unstopped and _met(kind, _worst(unstopped, needs, air)[n][0], bound.value):
             slower = inf if kind.is_least else value / bound.value
             found.append(shortfall._replace(over_s=slower * trajectory.stop_over_s))

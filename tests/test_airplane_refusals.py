@@ -4,11 +4,13 @@ what an airspeed that fails in flight does."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from guidance.changing import with_setting, with_trajectory
 from guidance.commands import LoadTrajectory, Set
+from guidance.config import ConfigError, load
 from guidance.core import Guide
 from guidance.estimate import AttitudeSample, Estimate, PositionSample
 from guidance.flying.airplane import Airplane
@@ -16,7 +18,7 @@ from guidance.flying.airplane_fit import thinness
 from guidance.mavlink.air import VfrHud, Wind, WindCov
 from guidance.se3 import IDENTITY, ZERO, Pose, Twist, Vec3
 from tests.airplane_loop import Loop, settled
-from tests.test_flying_airplane import loop, shipped
+from tests.test_flying_airplane import DEPLOY, loop, shipped
 
 HERE = Vec3(100.0, 0.0, -60.0)
 NORTH = Vec3(12.0, 0.0, 0.0)
@@ -145,6 +147,17 @@ def test_a_circle_that_the_wind_makes_too_fast_is_refused_with_numbers() -> None
     handler.heard(Wind(0.0, 0.0, 0.0))
     handler.heard(VfrHud(12.0, 0.0))
     assert why(handler) == ""
+
+
+def test_a_speed_that_varies_too_much_is_answered_with_the_eight(tmp_path: Path) -> None:
+    text = (DEPLOY / "px4-plane.toml").read_text(encoding="utf-8")
+    before, _, after = text.partition('name = "circle"')
+    keys = 'name = "lemniscate"\nlength_m = 400.0\nwidth_m = 200.0\nspeed_m_s = 13.0\n'
+    _, _, after = after.partition("# --- line ---")
+    path = tmp_path / "varies.toml"
+    path.write_text(before + keys + after, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r'at least 10\.5 m/s .+, or "eight", which keeps its speed'):
+        load(path)
 
 
 # The ground ------------------------------------------------------------------------------------------

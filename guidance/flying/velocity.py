@@ -79,6 +79,10 @@ class Velocity:
         self._parameters = found
         return None
 
+    def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
+        """Nothing."""
+        return None
+
     def heard(self, body: Body) -> None:
         """Nothing."""
 

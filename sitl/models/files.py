@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sitl.models import airplane, copter, jsbsim_airplane, rover, uuv
+from sitl.models import airplane, copter, jsbsim_airplane, rotorpy_copter, rover, uuv
 
 #: Models that come with the package: those that drive, airplanes, copters, and those that dive.
 ROVERS: Final = ("rover", "boat", "rover_px4")
@@ -19,10 +19,25 @@ UUVS: Final = ("uuv",)
 #: Aircraft of JSBSim that have an autopilot's inner loops here; a model's name has `JSBSIM_PREFIX` before it.
 JSBSIM: Final = ("J3Cub", "c172p", "t6texan2")
 JSBSIM_PREFIX: Final = "jsbsim:"
-NAMES: Final = (*ROVERS, *AIRPLANES, *COPTERS, *UUVS, *(f"{JSBSIM_PREFIX}{aircraft}" for aircraft in JSBSIM))
+#: Likewise vehicles of rotorpy.
+ROTORPY: Final = ("hummingbird", "crazyflie", "px4_sihsim_quadx")
+ROTORPY_PREFIX: Final = "rotorpy:"
+NAMES: Final = (
+    *ROVERS,
+    *AIRPLANES,
+    *COPTERS,
+    *UUVS,
+    *(f"{JSBSIM_PREFIX}{aircraft}" for aircraft in JSBSIM),
+    *(f"{ROTORPY_PREFIX}{vehicle}" for vehicle in ROTORPY),
+)
 
 Model = (
-    rover.Parameters | airplane.Parameters | copter.Parameters | uuv.Parameters | jsbsim_airplane.Parameters
+    rover.Parameters
+    | airplane.Parameters
+    | copter.Parameters
+    | uuv.Parameters
+    | jsbsim_airplane.Parameters
+    | rotorpy_copter.Parameters
 )
 
 P = TypeVar("P", bound=tuple[float, ...])
@@ -64,6 +79,20 @@ def load_jsbsim(aircraft: str) -> jsbsim_airplane.Parameters:
     )
 
 
+def load_rotorpy(vehicle: str) -> rotorpy_copter.Parameters:
+    """Likewise of one of rotorpy's vehicles."""
+    if vehicle not in ROTORPY:
+        raise ValueError(
+            f"rotorpy's {vehicle!r} has no inner loops here; those that do: {', '.join(ROTORPY)}"
+        )
+    return _load(
+        rotorpy_copter.Parameters,
+        f"rotorpy_{vehicle}",
+        rotorpy_copter.POSITIVE,
+        rotorpy_copter.SIGNED,
+    )
+
+
 #: How each kind is read, and by which keys its files are known.
 _KINDS: Final[tuple[tuple[Callable[[str], Model], tuple[str, ...]], ...]] = (
     (load_rover, rover.Parameters._fields),
@@ -81,6 +110,8 @@ def load_model(name: str) -> Model:
     """
     if name.startswith(JSBSIM_PREFIX):
         return load_jsbsim(name.removeprefix(JSBSIM_PREFIX))
+    if name.startswith(ROTORPY_PREFIX):
+        return load_rotorpy(name.removeprefix(ROTORPY_PREFIX))
     keys = _table(name).keys()
     shared, load = max(((len(keys & set(fields)), load) for load, fields in _KINDS), key=lambda kind: kind[0])
     if not shared:

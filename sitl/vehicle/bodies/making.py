@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from sitl.models import airplane, copter, jsbsim_airplane, rover, uuv
-from sitl.models.files import JSBSIM_PREFIX, Model, load_model
+from sitl.models import airplane, copter, jsbsim_airplane, rotorpy_copter, rover, uuv
+from sitl.models.files import JSBSIM_PREFIX, ROTORPY, ROTORPY_PREFIX, Model, load_model
 from sitl.models.gusts import Wind
 from sitl.plant import PlantParameters, PlantState, Triple
 from sitl.vehicle.bodies.airplane import AirplaneBody
 from sitl.vehicle.bodies.copter import CopterBody
 from sitl.vehicle.bodies.ideal import IdealBody
 from sitl.vehicle.bodies.jsbsim import JsbsimBody
+from sitl.vehicle.bodies.rotorpy import RotorpyBody
 from sitl.vehicle.bodies.rover import RoverBody
 from sitl.vehicle.bodies.uuv import UuvBody
 from sitl.vehicle.body import Body
@@ -20,6 +21,8 @@ from sitl.vehicle.options import AIRBORNE_M, IDEAL, VehicleOptions
 #: Either one by this name: that which was recorded with the firmware.
 AIRPLANE: Final = "airplane"
 COPTER: Final = "copter"
+#: The first of rotorpy's, by this name.
+ANY_ROTORPY: Final = "rotorpy"
 #: The speed of an airplane that begins in the air, times its stall speed, if its options do not say.
 AIRPLANE_STALLS: Final = 1.5
 
@@ -29,6 +32,7 @@ _TAKES: Final[dict[type, tuple[type, ...]]] = {
     copter.Parameters: CopterBody.takes,
     uuv.Parameters: UuvBody.takes,
     jsbsim_airplane.Parameters: JsbsimBody.takes,
+    rotorpy_copter.Parameters: RotorpyBody.takes,
 }
 _CALM: Final[Triple] = (0.0, 0.0, 0.0)
 
@@ -65,6 +69,8 @@ def body_of(options: VehicleOptions, *, planar: bool, start_ns: int) -> Body:
     _refuse(options, wind=False, gusts=True, speed=True)
     if isinstance(parameters, copter.Parameters):
         return _copter(options, parameters, start_ns)
+    if isinstance(parameters, rotorpy_copter.Parameters):
+        return _rotorpy(options, parameters, start_ns)
     yaw_rad, wind_ned_m_s = options.initial_yaw_rad, options.wind_ned_m_s
     return RoverBody(parameters, options.start_position_ned_m(), yaw_rad, wind_ned_m_s, start_ns)
 
@@ -74,6 +80,8 @@ def _loaded(model: str, firmware: str) -> Model:
         model = "airplane_20" if firmware.startswith("ardupilot") else "airplane_12"
     if model == COPTER:
         model = "copter_ardupilot" if firmware.startswith("ardupilot") else "copter_px4"
+    if model == ANY_ROTORPY:
+        model = ROTORPY_PREFIX + ROTORPY[0]
     return load_model(model)
 
 
@@ -135,9 +143,25 @@ def _in_the_air(options: VehicleOptions) -> Triple:
 
 
 def _copter(options: VehicleOptions, parameters: copter.Parameters, start_ns: int) -> CopterBody:
+    position = _not_below_ground(options)
+    return CopterBody(parameters, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)
+
+
+def _rotorpy(options: VehicleOptions, parameters: rotorpy_copter.Parameters, start_ns: int) -> RotorpyBody:
+    vehicle = ROTORPY[0] if options.model == ANY_ROTORPY else options.model.removeprefix(ROTORPY_PREFIX)
+    position = _not_below_ground(options)
+    try:
+        flying = rotorpy_copter.RotorpyCopter(vehicle, parameters)
+    except ModuleNotFoundError as error:
+        raise ValueError(str(error)) from error
+    return RotorpyBody(flying, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)
+
+
+def _not_below_ground(options: VehicleOptions) -> Triple:
+    """Where it starts, which must be there or above."""
     position = options.start_position_ned_m()
     if position[2] > 0.0:
         raise ValueError(
             f"the model {options.model} starts on the ground or above, not {position[2]:g} m below"
         )
-    return CopterBody(parameters, position, options.initial_yaw_rad, options.wind_ned_m_s, start_ns)
+    return position

@@ -59,7 +59,7 @@ from guidance.handling import (
 from sitl import airplane_flight, copter_flight, plant, rover_flight
 from sitl.campaign import draw, flight
 from sitl.models import airplane as airplane_model
-from sitl.models import attitude, gusts, rover
+from sitl.models import attitude, copter_axis, gusts, rover
 from sitl.models import copter as copter_model
 
 #: Every module that has text in the machine code.
@@ -97,6 +97,7 @@ MATHS: Final[tuple[ModuleType, ...]] = (
     airplane_model,
     gusts,
     attitude,
+    copter_axis,
     copter_model,
     airplane_flight,
     copter_flight,

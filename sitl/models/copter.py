@@ -40,14 +40,13 @@ from sitl.models.attitude import (
     tilted,
     turned,
 )
+from sitl.models.copter_axis import Loop, ahead, answered, held
 from sitl.models.gusts import Wind
 
 #: So many commands can be on their way; of more, the oldest act too early. 0.64 s at 50 Hz.
 IN_FLIGHT: Final = 32
 #: Rotors never push less than this part of the weight, so that there is always an attitude to hold.
 LEAST_THRUST: Final = 0.1
-#: The way that a led velocity may be ahead of the vehicle, m.
-GAP_MAX_M: Final = 2.0
 
 
 class Parameters(NamedTuple):
@@ -122,18 +121,6 @@ class Command(NamedTuple):
     turn: float
 
 
-class Loop(NamedTuple):
-    """One axis of the autopilot: the led velocity (m/s) and its rate, how far it is ahead (m), the integral
-    (m/s^2), the acceleration that is given (m/s^2, without drag) and its rate (m/s^3)."""
-
-    led_m_s: float
-    led_m_s2: float
-    gap_m: float
-    integral_m_s2: float
-    given_m_s2: float
-    given_m_s3: float
-
-
 class State(NamedTuple):
     """Position, velocity over ground, attitude (body to world) and body rates; the loops north, east and
     down; yaw rate and its rate. `queue` holds the last commands, oldest first."""
@@ -155,9 +142,9 @@ def hovering(parameters: Parameters, position_ned_m: Triple, heading_rad: float,
     """Standing there in this wind, as after a while."""
     c = parameters.drag_per_s
     north, east, down = (
-        _held(-c * wind.north_m_s),
-        _held(-c * wind.east_m_s),
-        _held(-c * wind.down_m_s),
+        held(-c * wind.north_m_s),
+        held(-c * wind.east_m_s),
+        held(-c * wind.down_m_s),
     )
     attitude = tilted(north.given_m_s2, east.given_m_s2, down.given_m_s2, heading_rad)
     still = Command(-inf, False, 0.0, 0.0, 0.0, 0.0)
@@ -240,7 +227,7 @@ def _by_velocity(p: Parameters, state: State, command: Command, wind: Wind, dt: 
         p.drag_per_s * (v_e - wind.east_m_s),
         p.drag_per_s * (v_d - wind.down_m_s),
     )
-    g_n, g_e, g_d = _ahead(north, n_m_s, v_n, dt), _ahead(east, e_m_s, v_e, dt), _ahead(down, d_m_s, v_d, dt)
+    g_n, g_e, g_d = ahead(north, n_m_s, v_n, dt), ahead(east, e_m_s, v_e, dt), ahead(down, d_m_s, v_d, dt)
     miss_n = n_m_s - v_n + p.position_per_s * g_n
     miss_e = e_m_s - v_e + p.position_per_s * g_e
     miss_d = d_m_s - v_d + p.down_position_per_s * g_d
@@ -254,9 +241,9 @@ def _by_velocity(p: Parameters, state: State, command: Command, wind: Wind, dt: 
     held_d = _clamp(a_d, GRAVITY_M_S2 * (1.0 - 1.0 / p.hover_thrust), GRAVITY_M_S2 * (1.0 - LEAST_THRUST))
     gain = p.velocity_i * dt if part == 1.0 else 0.0
     gain_d = p.down_velocity_i * dt if held_d == a_d else 0.0
-    north = _answered(north, n_m_s, n_m_s2, g_n, gain * miss_n, part * a_n, p.frequency_rad_s, p.damping, dt)
-    east = _answered(east, e_m_s, e_m_s2, g_e, gain * miss_e, part * a_e, p.frequency_rad_s, p.damping, dt)
-    down = _answered(
+    north = answered(north, n_m_s, n_m_s2, g_n, gain * miss_n, part * a_n, p.frequency_rad_s, p.damping, dt)
+    east = answered(east, e_m_s, e_m_s2, g_e, gain * miss_e, part * a_e, p.frequency_rad_s, p.damping, dt)
+    down = answered(
         down, d_m_s, d_m_s2, g_d, gain_d * miss_d, held_d, p.down_frequency_rad_s, p.down_damping, dt
     )
 
@@ -348,35 +335,6 @@ def _queued(state: State, command: Command) -> State:
         s.yaw_rate_rad_s,
         s.yaw_rate_rad_s2,
         (*s.queue[1:], command),
-    )
-
-
-def _held(acceleration_m_s2: float) -> Loop:
-    """Led to rest, and this acceleration held by the integral."""
-    return Loop(0.0, 0.0, 0.0, acceleration_m_s2, acceleration_m_s2, 0.0)
-
-
-def _ahead(loop: Loop, led_m_s: float, v: float, dt: float) -> float:
-    return _clamp(loop.gap_m + (led_m_s - v) * dt, -GAP_MAX_M, GAP_MAX_M)
-
-
-def _answered(
-    loop: Loop,
-    led_m_s: float,
-    led_m_s2: float,
-    gap_m: float,
-    learned_m_s2: float,
-    asked_m_s2: float,
-    frequency_rad_s: float,
-    damping: float,
-    dt: float,
-) -> Loop:
-    w = frequency_rad_s
-    rate = (
-        loop.given_m_s3 + (w * w * (asked_m_s2 - loop.given_m_s2) - 2.0 * damping * w * loop.given_m_s3) * dt
-    )
-    return Loop(
-        led_m_s, led_m_s2, gap_m, loop.integral_m_s2 + learned_m_s2, loop.given_m_s2 + rate * dt, rate
     )
 
 

@@ -13,12 +13,12 @@ from typing import Annotated, Any, Final
 import typer
 
 from guidance.config import ConfigError
-from sitl.scenarios import airplane, rover
+from sitl.scenarios import airplane, jsbsim, rover
 from sitl.scenarios.flight import DEPLOY
 from sitl.scenarios.table import AS_IT_IS, Result, Row, Variation, fly_row, in_words
 
 #: Each class's rows.
-ROWS: Final = (rover.rows, airplane.rows)
+ROWS: Final = (rover.rows, airplane.rows, jsbsim.rows)
 
 
 def every_row(directory: Path = DEPLOY) -> list[Row]:

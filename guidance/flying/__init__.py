@@ -37,7 +37,9 @@ class Flown(NamedTuple):
         total = sum(e.e) + sum(e.demanded) + e.V1 + e.V2
         if self.around is not None:
             for value in astuple(self.around):
-                total += sum(value) if isinstance(value, tuple) else value if isinstance(value, float) else 0.0
+                total += (
+                    sum(value) if isinstance(value, tuple) else value if isinstance(value, float) else 0.0
+                )
         return total - total == 0.0
 
 

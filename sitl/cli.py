@@ -52,8 +52,8 @@ def vehicle(
         str | None,
         typer.Option(
             metavar="NAME|FILE.toml",
-            help="The body: ideal, uuv, rover, boat, airplane (_12 or _20 m/s), copter, or parameters in a "
-            "file; default, one that fits the firmware.",
+            help="The body: ideal, uuv, rover, boat, airplane (_12 or _20 m/s), copter, jsbsim:c172p (J3Cub, "
+            "t6texan2), or parameters in a file; default, one that fits the firmware.",
         ),
     ] = None,
     firmware: Annotated[
@@ -77,7 +77,8 @@ def vehicle(
     position: Annotated[
         str | None,
         typer.Option(
-            metavar="N,E,D", help="Start in metres NED; default -10,-30 on the ground, px4-uuv 5 m deep."
+            metavar="N,E,D",
+            help="Start in metres NED; default -10,-30 on the ground, px4-uuv 5 m deep, jsbsim 60 m up.",
         ),
     ] = None,
     yaw_deg: Annotated[float, typer.Option(help="Heading at the start.")] = 0.0,

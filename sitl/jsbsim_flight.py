@@ -37,47 +37,10 @@ from sitl.airplane_tasks import NEAR, Scenario, drawn, patient
 from sitl.models.files import load_jsbsim
 from sitl.models.gusts import NO_GUSTS, Wind, blowing, gusts_step
 from sitl.models.jsbsim_airplane import GRAVITY_M_S2, JsbsimAirplane, State
+from sitl.models.manuals import MANUALS
+from sitl.scenarios.jsbsim import airframe
 
-#: What its manual says of each: J-3 Cub (440 kg), Cessna 172 (850 kg), T-6 Texan II (2.7 t, turbine).
-AIRFRAMES: Final[dict[str, Airframe]] = {
-    "J3Cub": Airframe(
-        airspeed_min_m_s=21.0,
-        airspeed_cruise_m_s=28.0,
-        airspeed_max_m_s=34.0,
-        climb_max_m_s=1.5,
-        sink_max_m_s=2.0,
-        climb_full_m_s=1.9,
-        throttle_cruise=0.57,
-        roll_rate_rad_s=0.6,
-        lag_s=0.5,
-        throttle_lag_s=1.2,
-    ),
-    "c172p": Airframe(
-        airspeed_min_m_s=33.0,
-        airspeed_cruise_m_s=45.0,
-        airspeed_max_m_s=58.0,
-        climb_max_m_s=2.5,
-        sink_max_m_s=3.0,
-        climb_full_m_s=4.5,
-        throttle_cruise=0.65,
-        pitch_cruise_rad=radians(2.0),
-        roll_rate_rad_s=0.6,
-        lag_s=0.5,
-        throttle_lag_s=1.2,
-    ),
-    "t6texan2": Airframe(
-        airspeed_min_m_s=60.0,
-        airspeed_cruise_m_s=90.0,
-        airspeed_max_m_s=120.0,
-        climb_max_m_s=5.0,
-        sink_max_m_s=5.0,
-        climb_full_m_s=16.0,
-        throttle_cruise=0.5,
-        pitch_cruise_rad=radians(1.0),
-        roll_rate_rad_s=0.6,
-        lag_s=0.5,
-    ),
-}
+AIRFRAMES: Final = {aircraft: airframe(manual) for aircraft, manual in MANUALS.items()}
 #: Demands are taken to act so much later: about half of the inner loops' lag.
 AHEAD_S: Final = 0.3
 #: The bank of the tightest turn of each task.
@@ -103,14 +66,14 @@ def jsbsim_scenarios(speed_m_s: float) -> dict[str, Scenario]:
 
 
 def flown_jsbsim(
-    aircraft: str, scenario: Scenario, seed: int, airframe: Airframe | None = None
+    aircraft: str, scenario: Scenario, seed: int, believed: Airframe | None = None
 ) -> NDArray[np.float64]:
     """The record of one flight, `COLUMNS` a step; another airframe is what the guide believes, if given.
 
     Raises:
         ModuleNotFoundError: jsbsim is not installed.
     """
-    guide = patient(handling(airframe or AIRFRAMES[aircraft]), scenario)
+    guide = patient(handling(believed or AIRFRAMES[aircraft]), scenario)
     dice = drawn(scenario, seed)
     record = np.zeros((dice.normals.shape[0], len(COLUMNS)))
     body = _started(aircraft, scenario, dice.weather.wind)

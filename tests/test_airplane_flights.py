@@ -40,9 +40,6 @@ Track = NDArray[np.float64]
 AIRPLANES = {12: airplane_12(), 20: airplane_20()}
 TABLE = [(speed, name) for speed in AIRPLANES for name in scenarios(float(speed))]
 CALM_CIRCLE = "circle 100 m"
-#: What is not reached: PX4's airplane, which flies 14 m/s at most, is 150 m outside of a circle on which the
-#: reference moves on at 6 m/s. It has converged after 22.7 s.
-MISSED_S = {(12, "150 m off, facing away"): 24.0}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -63,7 +60,7 @@ def test_every_task_is_flown_within_its_limits(speed: int, name: str) -> None:
     for seed in (1, 2):
         found = figures(flown(plane, asked, seed, compiled(fly)))
         if asked.wind_m_s == 0.0:
-            assert found.converged_s < MISSED_S.get((speed, name), asked.converged_s)
+            assert found.converged_s < asked.converged_s
             assert found.max_m < asked.max_m
         assert found.rms_m < asked.rms_m
         assert found.airspeed_min_m_s > plane.guide.envelope.airspeed_min_m_s

@@ -288,6 +288,15 @@ def test_given_wind_is_taken_and_then_followed() -> None:
     assert airplane_wind.wind_step(WIND, memory, Vec3(9.0, 9.0, 9.0), 0.0, 0.0, False, ZERO, DT_S) == memory
 
 
+def test_without_an_airspeed_a_turn_tells_the_wind_by_the_heading_alone() -> None:
+    memory = airplane_wind.UNKNOWN
+    for n in range(3000):
+        heading = 0.12 * n * DT_S
+        velocity = Vec3(12.0 * cos(heading) - 4.0, 12.0 * sin(heading) + 3.0, 0.0)
+        memory = airplane_wind.wind_step(WIND, memory, velocity, heading, 0.0, False, ZERO, DT_S)
+    assert (memory.north_m_s, memory.east_m_s) == pytest.approx((-4.0, 3.0), abs=0.3)
+
+
 def test_wind_is_bounded() -> None:
     memory = airplane_wind.wind_step(
         WIND, airplane_wind.UNKNOWN, ZERO, 0.0, 0.0, True, Vec3(90.0, 0.0, 0.0), DT_S

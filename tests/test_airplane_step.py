@@ -72,7 +72,7 @@ def clock(e_north_m: float, v_m_s: float, slower: float, faster: float, curve_m_
 
 def test_the_clock_waits_and_hastens_within_its_bounds() -> None:
     assert clock(0.0, 10.0, 2.0, 4.0) == pytest.approx(1.0)
-    assert clock(-100.0, 10.0, 2.0, 4.0) == PATIENCE.slowest
+    assert clock(-airplane_clock.FAR_M, 10.0, 2.0, 4.0) == PATIENCE.slowest
     assert clock(100.0, 10.0, 2.0, 4.0) == PATIENCE.fastest
 
 
@@ -82,7 +82,12 @@ def test_the_clock_is_what_the_wind_leaves() -> None:
     assert clock(0.0, 14.0, 1.0, 4.0) == pytest.approx(1.3)
     assert clock(5.0, 14.0, 1.0, 4.0) == pytest.approx(1.3 + airplane_clock.CAUGHT_UP)
     # but one that is behind is waited for
-    assert clock(-50.0, 14.0, 1.0, 4.0) == PATIENCE.slowest
+    assert clock(-20.0, 14.0, 1.0, 4.0) == PATIENCE.slowest
+
+
+def test_the_further_off_the_airplane_the_slower_the_clock() -> None:
+    assert clock(-2.0 * airplane_clock.FAR_M, 10.0, 2.0, 4.0) == pytest.approx(0.5 * PATIENCE.slowest)
+    assert clock(-10.0 * airplane_clock.FAR_M, 10.0, 2.0, 4.0) == pytest.approx(0.1 * PATIENCE.slowest)
 
 
 def test_the_clock_is_no_quicker_than_the_turn_that_a_bank_gives() -> None:
@@ -191,6 +196,32 @@ def test_in_a_cross_wind_the_acceleration_is_shared_between_bank_and_throttle() 
         guide.throttle, air, found.load
     )
     assert along == pytest.approx(-speed * speed / radius * 8.0 / air, abs=1e-6)
+
+
+def test_at_the_least_airspeed_a_turn_in_wind_takes_no_thrust() -> None:
+    """As above, but as slow as it may be: the throttle is that of flying faster."""
+    guide, speed, radius = AIRPLANES[20].guide, 14.0, 60.0
+    reference = circle(0.0, radius, speed, True, -60.0)
+    wind = Vec3(-8.0, 0.0, 0.0)
+    bank = atan(speed * speed / radius / GRAVITY_M_S2)
+    memory = airplane.unstarted(airplane.UNTRIMMED)
+    for airspeed, slow in ((11.5, True), (hypot(speed, 8.0), False)):
+        measured = Measured(
+            Pose(reference.position, from_euler(bank, 0.0, 1.2)),
+            reference.velocity,
+            airspeed,
+            True,
+            wind,
+            0.0,
+        )
+        _, demand, found = airplane_step(guide, memory, measured, reference, DT_S)
+        missing = found.asked_m_s - airspeed
+        drag = airplane_throttle.drag_m_s2(guide.throttle, found.asked_m_s, found.load)
+        accelerates = (
+            guide.throttle.thrust_m_s2 * (demand.throttle - guide.throttle.proportional_s_m * missing) - drag
+        )
+        assert (missing > 0.0) == slow
+        assert (accelerates > -0.1) == slow
 
 
 def test_nothing_is_learned_of_a_bank_that_is_saturated() -> None:

@@ -251,6 +251,9 @@ def airplane_step(
     crab_s = ground_s * air_c - ground_c * air_s
     lateral = to_side * crab_c + along * crab_s
     forward = along * crab_c - to_side * crab_s
+    if missing > asked - carried:
+        # the envelope wants it faster than the path does: no turn in the wind may take thrust from it
+        forward = max(forward, 0.0)
     climb_rate = 0.0 if climb.limited else wanted.climb_rate_m_s2
     upright = GRAVITY_M_S2 * cos(path_wanted) + climb_rate / cos(path_wanted)
 

@@ -3,7 +3,9 @@
 An airspeed says how long v - w is, and so corrects w along the air's direction; in a turn that direction
 comes round, and both parts of w become known without any heading. A heading corrects w across, where its
 bias (1 to 2 degrees: 0.3 m/s at 10 m/s, and around the circle zero on average) makes it the weaker witness;
-it is followed more slowly. The vertical wind is taken as zero: nothing measures it.
+it is followed more slowly. Where nothing else ever told of the wind it is the only one, and is followed as
+fast as an airspeed would be; straight on, the wind along stays unknown then. The vertical wind is taken as
+zero: nothing measures it.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The estimate, NED, m/s, as it stands; `known` once something told of it."""
+    """The estimate, NED, m/s, as it stands; `known` once an airspeed or the autopilot told of it."""
 
     north_m_s: float
     east_m_s: float
@@ -61,7 +63,8 @@ def wind_step(
     dt_s: float,
 ) -> Memory:
     """The estimate `dt_s` later. With `given` it follows the autopilot's; else, with an airspeed above 0, its
-    own; else it stays. What comes first is taken as it is."""
+    own; else it stays, or is what the heading alone tells if it is not known. What comes first is taken as it
+    is."""
     north, east, known = memory
     if given:
         part = clamp(parameters.given_per_s * dt_s, 0.0, 1.0) if known else 1.0
@@ -86,6 +89,13 @@ def wind_step(
             across = clamp(parameters.across_per_s * dt_s, 0.0, 1.0) * turned
             north += along * c - across * s
             east += along * s + across * c
+    elif not known:
+        c, s = cos(heading_rad), sin(heading_rad)
+        # v - w has this much across the nose, to the right
+        across = (velocity_ned_m_s.y - east) * c - (velocity_ned_m_s.x - north) * s
+        across *= clamp(parameters.along_per_s * dt_s, 0.0, 1.0)
+        north -= across * s
+        east += across * c
     length = sqrt(north * north + east * east)
     if length > parameters.wind_max_m_s:
         north *= parameters.wind_max_m_s / length

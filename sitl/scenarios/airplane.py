@@ -1,4 +1,4 @@
-"""The tasks of airplanes: PX4's at 12 m/s, ArduPlane's at 20 m/s, and those that JSBSim flies."""
+"""The tasks of airplanes: PX4's at 12 m/s and ArduPlane's at 20 m/s."""
 
 from __future__ import annotations
 
@@ -74,32 +74,32 @@ def on_a_circle(plane: Airplane, radius_m: float) -> tuple[str, ...]:
     )
 
 
-def on_a_helix(plane: Airplane) -> tuple[str, ...]:
-    """Of 100 m, 1 m/s up."""
+def on_a_helix(plane: Airplane, radius_m: float) -> tuple[str, ...]:
+    """1 m/s up."""
     return (
         "trajectory.name=helix",
-        "trajectory.radius_m=100",
+        f"trajectory.radius_m={radius_m}",
         f"trajectory.speed_m_s={plane.speed_m_s}",
         "trajectory.down_m_s=-1",
         f"trajectory.down_m={-HEIGHT_M}",
     )
 
 
-def on_an_eight(plane: Airplane) -> tuple[str, ...]:
-    """400 x 200 m, +-10 m."""
+def on_an_eight(plane: Airplane, length_m: float) -> tuple[str, ...]:
+    """Half as wide as long, +-10 m."""
     return (
         "trajectory.name=eight",
-        "trajectory.length_m=400",
-        "trajectory.width_m=200",
+        f"trajectory.length_m={length_m}",
+        f"trajectory.width_m={0.5 * length_m}",
         f"trajectory.speed_m_s={plane.speed_m_s}",
         "trajectory.rise_m=10",
         f"trajectory.down_m={-HEIGHT_M}",
     )
 
 
-def near(north_m: float, heading_rad: float) -> tuple[float, float, float, float]:
-    """20 m to the right of there, 5 m below, and 30 degrees off."""
-    return north_m + 20.0, 0.0, 5.0 - HEIGHT_M, heading_rad + radians(30.0)
+def near(north_m: float, east_m: float, heading_rad: float) -> tuple[float, float, float, float]:
+    """20 m north of there, 5 m below, and 30 degrees off."""
+    return north_m + 20.0, east_m, 5.0 - HEIGHT_M, heading_rad + radians(30.0)
 
 
 def rows(directory: Path = DEPLOY) -> tuple[Row, ...]:
@@ -112,10 +112,10 @@ def rows(directory: Path = DEPLOY) -> tuple[Row, ...]:
         windy = Limits(rms_m=1.0, saturated=inf, airspeed_min_m_s=plane.least_m_s)
         at = f"at {plane.speed_m_s:g} m/s"
         tasks = (
-            (f"circle r 80 m {at}", on_a_circle(plane, 80.0), near(80.0, 0.5 * pi)),
-            (f"circle r 100 m {at}", on_a_circle(plane, 100.0), near(100.0, 0.5 * pi)),
-            (f"helix r 100 m, 1 m/s up, {at}", on_a_helix(plane), near(100.0, 0.5 * pi)),
-            (f"eight 400 x 200 m, +-10 m, {at}", on_an_eight(plane), near(0.0, 0.25 * pi)),
+            (f"circle r 80 m {at}", on_a_circle(plane, 80.0), near(80.0, 0.0, 0.5 * pi)),
+            (f"circle r 100 m {at}", on_a_circle(plane, 100.0), near(100.0, 0.0, 0.5 * pi)),
+            (f"helix r 100 m, 1 m/s up, {at}", on_a_helix(plane, 100.0), near(0.0, 100.0, 0.0)),
+            (f"eight 400 x 200 m, +-10 m, {at}", on_an_eight(plane, 400.0), near(0.0, 0.0, 0.25 * pi)),
         )
         for name, settings, start in tasks:
             found.append(

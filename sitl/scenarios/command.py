@@ -13,12 +13,12 @@ from typing import Annotated, Any, Final
 import typer
 
 from guidance.config import ConfigError
-from sitl.scenarios import airplane, copter, px4_rover, rover
+from sitl.scenarios import airplane, copter, jsbsim, px4_rover, rover
 from sitl.scenarios.flight import DEPLOY
 from sitl.scenarios.table import AS_IT_IS, Result, Row, Variation, fly_row, in_words
 
 #: Each class's rows.
-ROWS: Final = (rover.rows, px4_rover.rows, airplane.rows, copter.rows)
+ROWS: Final = (rover.rows, px4_rover.rows, airplane.rows, jsbsim.rows, copter.rows)
 
 
 def every_row(directory: Path = DEPLOY) -> list[Row]:

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from guidance.commands import Engage
 from guidance.config import Config, load
-from guidance.records import GroundHandling, Record, Reference, Setpoint
+from guidance.records import AirplaneHandling, GroundHandling, Record, Reference, Setpoint
 from guidance.supervisor import State
 from guidance.trajectory import sample
 from sitl.lockstep import SECOND, Channel, Lockstep
@@ -64,8 +64,8 @@ class Figures:
     `corner_m` is the largest error after a corner, `back_s` the time from a corner until the error is below
     `converged_m` for the rest of the leg. `truth_rms_m` is the RMS of the position without its bias, which
     nobody can hold to less than that. `reverse_m_s` is the fastest asked for backwards, `airspeed_min_m_s`
-    the truth's. `saturated` is the part of the setpoints at a limit, after convergence. `trace` has a row a
-    step: t, error, north, east, down.
+    the truth's. `saturated` is the part of the setpoints at a limit, of an airplane at that of its bank,
+    after convergence. `trace` has a row a step: t, error, north, east, down.
     """
 
     converged_s: float
@@ -96,6 +96,8 @@ class _Log:
     def __init__(self) -> None:
         self.clock: list[tuple[float, float]] = []  # instants, and the trajectory's time then, s
         self.setpoints: list[Setpoint] = []
+        self.saturated: list[tuple[int, bool]] = []
+        self.banks: list[tuple[int, bool]] = []
         self.stuck = False
 
     def take(self, record: Record) -> None:
@@ -104,6 +106,9 @@ class _Log:
                 self.clock.append((record.t_ns * 1e-9, record.trajectory_s))
             case Setpoint(neutral=False):
                 self.setpoints.append(record)
+                self.saturated.append((record.t_ns, record.saturated))
+            case AirplaneHandling():
+                self.banks.append((record.t_ns, record.bank_saturated))
             case GroundHandling(stuck=True):
                 self.stuck = True
 
@@ -180,7 +185,7 @@ def _figures(
             corner = max(corner, max(leg))
             back = max(back, _settled_s(leg, task.converged_m))
     settled_ns = (begun_s + converged_s) * 1e9
-    sent = [s.saturated for s in log.setpoints if s.t_ns >= settled_ns]
+    sent = [limited for at_ns, limited in log.banks or log.saturated if at_ns >= settled_ns]
     return Figures(
         converged_s,
         sqrt(sum(e * e for e in late) / len(late)),

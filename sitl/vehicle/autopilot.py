@@ -23,6 +23,7 @@ from sitl.vehicle.command import (
 )
 from sitl.vehicle.controls import Control
 from sitl.vehicle.link import Link
+from sitl.vehicle.manual_parameters import manual_parameters
 from sitl.vehicle.options import VehicleOptions
 from sitl.vehicle.parameter_set import Parameter, ParameterSet
 from sitl.vehicle.sample import Sample
@@ -70,9 +71,8 @@ class Autopilot(ABC):
             batch=self.batches_datagrams,
             signing_key=options.signing_key,
         )
-        self.parameters = ParameterSet(
-            self.parameter_defaults, options.parameters, bytewise=self.integers_bytewise
-        )
+        told = {**manual_parameters(options.model, options.firmware), **options.parameters}
+        self.parameters = ParameterSet(self.parameter_defaults, told, bytewise=self.integers_bytewise)
         self.refuses_modes = options.refuses_modes
         self.refuses_arming = options.refuses_arming
         self.armed = False

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, NamedTuple
 
+from sitl.models.files import JSBSIM_PREFIX
 from sitl.plant import PlantParameters, Triple, Wxyz, attitude_from_euler
 from sitl.vehicle.estimator import SILENT, Noise
 
@@ -76,8 +77,9 @@ class VehicleOptions:
 
     `model` is the body behind the firmware: "ideal" (made as `plant` says), one of `sitl.models`, or a TOML
     file; without one, what fits the firmware. It starts at rest, what flies on the ground; `airborne`, it
-    starts armed at 60 m in the mode that circles or stands. An airplane whose position is above the ground
-    starts at `initial_speed_m_s` of the air, by default 1.5 times its stall speed.
+    starts armed at 60 m in the mode that circles or stands, as JSBSim's airplanes always do, by a setup from
+    their manuals. An airplane whose position is above the ground starts at `initial_speed_m_s` of the air, by
+    default 1.5 times its stall speed.
     `wind_ned_m_s` is steady, `gusts_m_s` the level sigma of turbulence about it, for airplanes.
 
     `clock_drift_ppm` makes the vehicle's clock fast (positive) or slow against `now_ns`; the plant moves in
@@ -122,6 +124,8 @@ class VehicleOptions:
     def __post_init__(self) -> None:
         if not self.model:
             object.__setattr__(self, "model", DEFAULT_MODELS[self.firmware])
+        if self.model.startswith(JSBSIM_PREFIX) and self.firmware.flies:
+            object.__setattr__(self, "airborne", True)
         if self.airborne and not self.firmware.flies:
             raise ValueError(f"{self.firmware} does not fly: airborne must be false")
         if len(self.signing_key) not in (0, 32):

@@ -17,7 +17,9 @@ from guidance.flying.airplane import Airplane
 from guidance.flying.airplane_fit import thinness
 from guidance.mavlink.air import VfrHud, Wind, WindCov
 from guidance.se3 import IDENTITY, ZERO, Pose, Twist, Vec3
+from guidance.supervisor import State
 from tests.airplane_loop import Loop, settled
+from tests.helpers import fly_until, make_flight
 from tests.test_flying_airplane import DEPLOY, loop, shipped
 
 HERE = Vec3(100.0, 0.0, -60.0)
@@ -217,3 +219,19 @@ def test_orders_that_cannot_be_flown_are_refused_with_the_reason() -> None:
     _, answer = guide.orders.carry_out(Set(key="limits.speed_max_m_s", value=11.9), 0)
     assert not answer.accepted
     assert guide.orders.config is before
+
+
+def test_over_the_link_it_waits_for_an_airspeed() -> None:
+    flight = make_flight(
+        config=shipped("px4-plane", "log.enabled=false"),
+        model="airplane_12",
+        initial_position_ned_m=(0.0, 0.0, -200.0),
+        initially_armed=True,
+        initial_mode="AUTO.LOITER",
+    )
+    flight.vehicle.withhold("VFR_HUD")
+    flight.run(6.0)
+    assert flight.guide.engagement.state is State.CONNECTED
+    assert "no VFR_HUD: an airplane is not flown without its airspeed" in flight.guide.engagement.reason
+    flight.vehicle.withhold()
+    fly_until(flight, State.READY, 6.0)

@@ -58,10 +58,16 @@ class Velocity:
         """Nothing is learned that another flight could use."""
         return "this vehicle learns nothing"
 
-    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> None:
-        """As `Handler` says; what cannot be flown changes nothing. A copter has one allocation."""
+    def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> str | None:
+        """As `Handler` says; while the vehicle is not known yet, anything is taken. It has one allocation."""
+        found = fitted(config, origin_ned_m, self._values)
+        if isinstance(found, str):
+            if self._parameters is not None:
+                return found
+        else:
+            self._parameters = found
         self._config, self._origin_ned_m = config, origin_ned_m
-        self._adopt()
+        return None
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """As `Handler` says."""

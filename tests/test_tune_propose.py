@@ -13,6 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 from rich.console import Console
 
+from guidance.config import load
 from guidance.tune.answer import Answer, Form
 from guidance.tune.excitation import ground_runs
 from guidance.tune.fitting import Errors, Spread
@@ -78,17 +79,18 @@ def test_a_wrong_map_from_thrust_to_speed_is_put_right() -> None:
 
 def test_airplane_rules() -> None:
     bank = seen(Answer(Form.TWO_LAGS, 0.1, 0.98, 0.0, 2.0, 0.3, 0.1), 0.7)
-    throttle = seen(Answer(Form.ONE_LAG, 0.1, 30.0, 8.0, inf, 2.5), 0.15)
-    lines = by_key(airplane_lines({"roll_rad": bank, "throttle": throttle}))
+    lines = by_key(airplane_lines({"roll_rad": bank}))
     assert lines == {
         "link.actuation_delay_s": 0.1,
-        "airplane.rho_per_s": 1.2,
-        "airplane.k_per_s": 0.4,
-        "airplane.roll_rate_rad_s": 1.4,
-        "airplane.thrust_m_s2": 12.0,
+        "law.rho2_per_s": 1.2,
+        "law.rho3_per_s": 1.2,
+        "law.k": 0.4,
+        "limits.roll_rate_max_rad_s": 1.4,
     }
+    config = load(SHIPPED.with_name("px4-plane.toml"), [f"{key}={value}" for key, value in lines.items()])
+    assert config.law.rho3_per_s == 1.2
     quick = bank._replace(answer=bank.answer._replace(tau_s=0.05))
-    assert by_key(airplane_lines({"roll_rad": quick}))["airplane.rho_per_s"] == 1.8
+    assert by_key(airplane_lines({"roll_rad": quick}))["law.rho3_per_s"] == 1.8
 
 
 def test_copter_rules_take_the_slower_axis() -> None:
@@ -97,6 +99,8 @@ def test_copter_rules_take_the_slower_axis() -> None:
     lines = by_key(copter_lines({"north_m_s": north, "east_m_s": east}, KNOWN))
     assert lines["link.actuation_delay_s"] == 0.2
     assert lines["law.k"] == 0.62
+    settings = [f"{key}={value}" for key, value in lines.items()]
+    assert load(SHIPPED.with_name("px4-copter.toml"), settings).law.k == 0.62
     assert lines["limits.acceleration_max_m_s2"] == 2.0
     assert "law.rho3_per_s" not in lines
 

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 from guidance.limits import SLEW_PART
 from guidance.tune.answer import Form, character
-from guidance.tune.excitation import GRAVITY_M_S2, SMALL
+from guidance.tune.excitation import SMALL
 from guidance.tune.identify import Identified, Refused
 
 #: rho and lambda k times (delay + lag): from about twice that on there are limit cycles.
@@ -67,8 +67,8 @@ def ground_lines(results: Results, known: Known) -> tuple[Line, ...]:
 
 
 def airplane_lines(results: Results) -> tuple[Line, ...]:
-    """Of `roll_rad` and `throttle`; [airplane] holds the keys of `handling.airplane`."""
-    return tuple(_airplane(_found(results, "roll_rad"), _found(results, "throttle")))
+    """Of `roll_rad`; what throttle does is learned in flight."""
+    return tuple(_airplane(_found(results, "roll_rad")))
 
 
 def copter_lines(results: Results, known: Known) -> tuple[Line, ...]:
@@ -150,37 +150,29 @@ def _ground(yaw: Identified | None, speed: Identified | None, known: Known) -> I
         )
 
 
-def _airplane(bank: Identified | None, throttle: Identified | None) -> Iterator[Line]:
+def _airplane(bank: Identified | None) -> Iterator[Line]:
     if bank:
         yield _delay(bank, "the bank")
         rho, why = _rho(bank, "the bank")
         if rho > RHO_AIRPLANE_MOST_PER_S:
             rho = RHO_AIRPLANE_MOST_PER_S
             why += f"; no airplane was flown with more than {rho:g}"
-        yield Line("airplane", "rho_per_s", rho, why)
+        yield Line("law", "rho2_per_s", rho, "as rho3; climbs are no rates of an airplane")
+        yield Line("law", "rho3_per_s", rho, why)
         yield Line(
-            "airplane",
-            "k_per_s",
+            "law",
+            "k",
             _down(COURSE_PART * rho),
             f"a third of rho, {rho:g}: the field turns no faster than the course can follow",
         )
         if bank.answer.slew < inf:
             yield Line(
-                "airplane",
-                "roll_rate_rad_s",
+                "limits",
+                "roll_rate_max_rad_s",
                 _down(ROLL_RATE_PART * bank.answer.slew),
                 f"{ROLL_RATE_PART:g} of the measured roll rate, {bank.answer.slew:.3g} rad/s, "
                 "so that a turn can be ended in time",
             )
-    if throttle:
-        a = throttle.answer
-        thrust = a.gain / a.tau_s
-        yield Line(
-            "airplane",
-            "thrust_m_s2",
-            round(thrust, 1),
-            f"{a.gain:.3g} m/s a unit of throttle in {a.tau_s:.2g} s: {thrust / GRAVITY_M_S2:.2f} g at full",
-        )
 
 
 def _copter(

@@ -158,6 +158,19 @@ def test_at_rest_facing_away_it_is_told_to_drive_and_to_turn() -> None:
     assert abs(demand.yaw_rate_rad_s) > 1.0
 
 
+def test_what_cannot_turn_at_rest_is_not_asked_to() -> None:
+    """It would look like a vehicle that obeys nothing, and end the flight."""
+    goal = Reference(Vec3(0.0, 0.0, 0.0), ZERO, ZERO)
+    turning = ROVER._replace(crawl_m_s=0.0)
+    memory: Memory = UNSTARTED
+    same: Memory = UNSTARTED
+    for _ in range(100):
+        memory, demand, _ = ground_step(ROVER, memory, measured(-0.2, 0.2, pi), goal, DT)
+        same, other, _ = ground_step(turning, same, measured(-0.2, 0.2, pi), goal, DT)
+    assert demand == Demand(0.0, 0.0)
+    assert abs(other.yaw_rate_rad_s) > 0.5
+
+
 def test_the_reference_that_is_tracked_runs_on_the_clock_that_waits() -> None:
     memory = UNSTARTED
     for _ in range(100):

@@ -1,9 +1,9 @@
 """Vehicles that drive: a yaw rate and a forward speed, in the plane (rovers, boats).
 
 One step, in order: the smoothed position, the clock of the reference, the slip, the law along the course with
-a crawl as its least speed and a turn that its slew can stop (`alignment`), the speed that keeps the path
-where the turn saturates, and the loop on measured speed. Pose and reference are those of the instant at
-which the setpoint acts.
+a crawl as its least speed, a turn that its slew can stop (`alignment`) and, below the crawl, none tighter than
+its wheels make, the speed that keeps the path where the turn saturates, and the loop on measured speed. Pose
+and reference are those of the instant at which the setpoint acts.
 """
 
 from __future__ import annotations
@@ -124,7 +124,11 @@ def ground_step(
         crawl = crawl_floor(p.crawl_m_s, rest, norm(field.Xr), along, before, limits.acceleration_m_s2, dt)
         floor = max(floor, crawl)
     level_twist = Twist(Vec3(0.0, 0.0, twist.angular.z), Vec3(forward, 0.0, 0.0))
-    stepped, found = guide_step(_with_floor(p.law, floor), memory.law, pose, level_twist, r, dt)
+    turn = limits.yaw_rate_rad_s
+    moves = max(abs(before), abs(forward))
+    if moves < p.crawl_m_s:
+        turn *= moves / p.crawl_m_s
+    stepped, found = guide_step(_within(p.law, floor, turn), memory.law, pose, level_twist, r, dt)
 
     u = found.controls
     speed = kept_curvature(
@@ -166,8 +170,8 @@ def _level(reference: Reference, z: float) -> Reference:
     return Reference(Vec3(r.x, r.y, z), Vec3(v.x, v.y, 0.0), Vec3(a.x, a.y, 0.0))
 
 
-def _with_floor(parameters: law.Parameters, floor_m_s: float) -> law.Parameters:
-    """The law with this least speed, at most its greatest."""
+def _within(parameters: law.Parameters, floor_m_s: float, yaw_rate_rad_s: float) -> law.Parameters:
+    """The law with this least speed, at most its greatest, and this highest yaw rate."""
     p = parameters
     s = p.limits
     return law.Parameters(
@@ -180,7 +184,7 @@ def _with_floor(parameters: law.Parameters, floor_m_s: float) -> law.Parameters:
             s.speed_max_m_s,
             s.roll_rate_rad_s,
             s.pitch_rate_rad_s,
-            s.yaw_rate_rad_s,
+            yaw_rate_rad_s,
             s.keep_direction,
             s.acceleration_m_s2,
             s.roll_acceleration_rad_s2,

@@ -137,14 +137,14 @@ def test_a_trajectory_that_it_cannot_drive_is_refused_with_numbers() -> None:
     assert "0.087266 rad/s available" in why
 
 
-def seen(heading: float, yaw_rate: float, history: History = ()) -> Estimate:
+def seen(heading: float, yaw_rate: float, history: History = (), speed_m_s: float = 0.0) -> Estimate:
     """Seen 40 ms ago at this heading; a setpoint comes in 20 ms, is held for 20, acts after 100."""
     now_ns, acts_ns = 1_000_000_000, 1_120_000_000
     at = now_ns - 40_000_000
     rates = Vec3(0.0, 0.0, yaw_rate)
     q = from_yaw(heading)
     pose = Pose(ZERO, q)
-    led, twist = predict(history, pose, Twist(rates, ZERO), at, acts_ns)
+    led, twist = predict(history, pose, Twist(rates, Vec3(speed_m_s, 0.0, 0.0)), at, acts_ns)
     return Estimate(
         instant_ns=acts_ns,
         pose=led,
@@ -171,7 +171,7 @@ def test_the_bearing_is_off_the_heading_while_the_setpoint_is_held() -> None:
 def test_it_asks_for_the_laws_turn_off_that_heading() -> None:
     handler = Px4Rover(load(DEPLOY))
     assert handler.fit(VALUES) is None
-    estimate = seen(0.5, 1.0)
+    estimate = seen(0.5, 1.0, speed_m_s=1.0)
     flown = handler.step(estimate, Reference(Vec3(5.0, 1.0, 0.0), Vec3(1.0, 0.0, 0.0), ZERO), 0.02)
     v = flown.demand.velocity_ned_m_s
     asked = RATE_GAIN * (atan2(v.y, v.x) - 0.57)

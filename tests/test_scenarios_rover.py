@@ -119,7 +119,7 @@ def test_the_command_prints_the_table() -> None:
     assert row["limits"]["corner_m"] is None
     nothing = CliRunner().invoke(app, ["scenarios", "--profile", "zeppelin"])
     assert nothing.exit_code == 2
-    assert "profiles are ardupilot-plane, ardupilot-rover" in nothing.output
+    assert "profiles are ardupilot-copter, ardupilot-plane, ardupilot-rover" in nothing.output
 
 
 def test_a_limit_that_is_missed_is_said() -> None:

@@ -1,9 +1,9 @@
 """Vehicles that drive: a yaw rate and a forward speed, in the plane (rovers, boats).
 
 One step, in order: the smoothed position, the clock of the reference, the slip, the law along the course with
-a crawl as its least speed, a turn that its slew can stop (`alignment`) and, below the crawl, none tighter than
-its wheels make, the speed that keeps the path where the turn saturates, and the loop on measured speed. Pose
-and reference are those of the instant at which the setpoint acts.
+a crawl as its least speed, a turn that its slew can stop (`alignment`) and, below the crawl, none tighter
+than its wheels make, the speed that keeps the path where the turn saturates, and the loop on measured speed.
+Pose and reference are those of the instant at which the setpoint acts.
 """
 
 from __future__ import annotations

@@ -109,6 +109,15 @@ def test_more_than_there_is_tilts_no_further_than_it_may_and_keeps_the_height() 
     assert states[-1].velocity_ned_m_s[0] > 8.0
 
 
+def test_of_what_there_is_the_height_comes_first() -> None:
+    body = made("crazyflie")
+    body.tell(Velocity((12.0, 0.0, -3.0), 0.0), START_NS)
+    soon = body.advance(START_NS + 400 * MS).velocity_ned_m_s
+    assert soon[2] < -2.0
+    assert soon[0] < 1.0
+    assert body.advance(START_NS + SECOND).velocity_ned_m_s[0] > 5.0
+
+
 def test_how_often_it_is_looked_at_changes_nothing() -> None:
     def fly(look_ns: int) -> BodyState:
         body = made(wind_ned_m_s=(2.0, 1.0, 0.0))

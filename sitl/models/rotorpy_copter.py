@@ -225,8 +225,7 @@ class RotorpyCopter:
     def _turning(self, state: State, wanted: Triple, rates: Triple, dt: float) -> tuple[Triple, float]:
         """The angular acceleration (FRD) to ask for, and the integral of the yaw rate."""
         p, change = self._parameters, state.rates_change_rad_s2
-        miss = wanted[2] - rates[2]
-        most = p.yaw_slew_rad_s2
+        miss, most = wanted[2] - rates[2], p.yaw_slew_rad_s2
         integral = _clamp(state.yaw_integral_rad_s2 + p.yaw_rate_integral_per_s2 * miss * dt, -most, most)
         turning = (
             p.rate_per_s * (wanted[0] - rates[0]) - p.rate_damping * change[0],

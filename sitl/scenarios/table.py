@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from sitl.scenarios.flight import DEPLOY, Figures, NotFlownError, Task, fly
 
@@ -65,6 +65,17 @@ class Variation:
         )
 
 
+#: What each figure is called, and its unit.
+SAID: Final = {
+    "converged_s": ("converged", " s"),
+    "rms_m": ("RMS", " m"),
+    "max_m": ("max", " m"),
+    "corner_m": ("corner", " m"),
+    "back_s": ("back", " s"),
+    "reverse_m_s": ("reverse", " m/s"),
+    "saturated": ("saturated", ""),
+    "airspeed_min_m_s": ("least airspeed", " m/s"),
+}
 AS_IT_IS = Variation(name="as it is")
 
 
@@ -120,5 +131,7 @@ def in_words(result: Result) -> str:
         limit = getattr(result.limits, item.name)
         if abs(limit) < inf:
             mark = " MISSED" if item.name in result.missed else ""
-            parts.append(f"{item.name} {getattr(result.figures, item.name):.3g}/{limit:.3g}{mark}")
+            said, unit = SAID[item.name]
+            figure = max(getattr(result.figures, item.name), 0.0)
+            parts.append(f"{said} {figure:.3g}/{limit:.3g}{unit}{mark}")
     return ", ".join(parts)

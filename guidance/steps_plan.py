@@ -52,6 +52,11 @@ def planned(config: Config, speed_m_s: float | None = None) -> Plan:
         raise ConfigError(
             f"vehicle.profile = {profile.name}: there are tuning flights of vehicles that drive only, so far"
         )
+    if config.ground.turning_radius_m is None:
+        raise ConfigError(
+            "ground.turning_radius_m: must be set for this flight, which is planned before the autopilot "
+            "tells its own: the radius of the tightest circle in m (TURN_RADIUS), 0 if it turns at rest"
+        )
     excitation = _ground(config, speed_m_s)
     guards = config.guards
     if not (guards.fence_ned_m or guards.fence_deg):

@@ -25,7 +25,7 @@ from guidance.telemetry.queue import Sample
 from guidance.telemetry.sinks import Sinks, TakesOrders
 from sitl.logbook import LogBook
 from tests.helpers import make_flight
-from tests.test_tune_flight import FENCE, SHIPPED, flight_of, newest, shipped
+from tests.test_tune_flight import FENCE, RADIUS, SHIPPED, flight_of, newest, shipped
 
 S: Final = 1_000_000_000
 
@@ -201,7 +201,7 @@ def test_without_consent_nothing_is_flown(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(steps_command, "fly", fly)
     for answer in ("no\n", "y\n", ""):
-        found = run("--config", SHIPPED, "--set", FENCE, input=answer)
+        found = run("--config", SHIPPED, "--set", RADIUS, "--set", FENCE, input=answer)
         assert found.exit_code == 1
         assert "It needs 44 m ahead" in found.stderr
         assert "not flown" in found.stderr
@@ -220,7 +220,7 @@ def test_what_was_flown_is_told(
         return 0, conductor
 
     monkeypatch.setattr(steps_command, "fly", fly)
-    found = run("--config", SHIPPED, "--set", FENCE, "--yes", "--wait", 7)
+    found = run("--config", SHIPPED, "--set", RADIUS, "--set", FENCE, "--yes", "--wait", 7)
     assert found.exit_code == (130 if stopped else 1)
     if stopped:
         assert "guidance tune --log LOG.mcap" in found.stderr
@@ -237,6 +237,6 @@ def test_it_is_flown_or_read(words: tuple[object, ...]) -> None:
 
 
 def test_wrong_settings_are_refused() -> None:
-    found = run("--config", SHIPPED, "--yes")
+    found = run("--config", SHIPPED, "--set", RADIUS, "--yes")
     assert found.exit_code == 2
     assert "there is no fence" in found.stderr

@@ -34,6 +34,8 @@ from sitl.vehicle.estimator import USUAL
 from tests.helpers import events_of, fly_until, fly_until_tracking, make_flight, state_of
 from tests.pilot import NAMES, Pilot
 
+#: The built-in rover's tightest circle.
+RADIUS: Final = "ground.turning_radius_m=0.9"
 SHIPPED: Final = Path(__file__).parents[1] / "deploy" / "ardupilot-rover.toml"
 AUTO: Final = ("supervisor.engage=auto", "supervisor.arm=true")
 FENCE: Final = "guards.fence_ned_m=[[-60.0,-60.0],[60.0,-60.0],[60.0,60.0],[-60.0,60.0]]"
@@ -41,7 +43,7 @@ YAW_RAD: Final = 0.7
 
 
 def shipped(*overrides: str) -> Config:
-    return load(SHIPPED, (*AUTO, FENCE, *overrides))
+    return load(SHIPPED, (*AUTO, FENCE, RADIUS, *overrides))
 
 
 def flight_of(config: Config, **options: Any) -> Lockstep:
@@ -258,7 +260,7 @@ def test_a_boat_in_a_current_never_rests_and_is_measured_all_the_same() -> None:
 
 
 def without_fence() -> None:
-    planned(load(SHIPPED, AUTO))
+    planned(load(SHIPPED, (*AUTO, RADIUS)))
 
 
 def too_fast() -> None:
@@ -300,3 +302,8 @@ def test_steps_that_were_not_flown_are_refused_one_by_one() -> None:
     results = results_of(config, [])
     assert list(results) == ["yaw_rate_rad_s", "speed_m_s"]
     assert all(result == Refused("its run was not flown") for result in results.values())
+
+
+def test_a_radius_that_only_the_autopilot_knows_comes_too_late() -> None:
+    with pytest.raises(ConfigError, match=r"ground\.turning_radius_m: must be set for this flight"):
+        planned(load(SHIPPED, (*AUTO, FENCE)))

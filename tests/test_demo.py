@@ -33,6 +33,7 @@ from guidance.records import (
     Stepping,
     Timing,
     TrackingError,
+    VelocityHandling,
 )
 from guidance.replay import replay
 from guidance.telemetry.log import read_records
@@ -119,6 +120,7 @@ def test_the_demo_tracks_is_seen_over_zenoh_and_leaves_a_log_that_replays(tmp_pa
         Lost,
         GroundHandling,
         AirplaneHandling,
+        VelocityHandling,
         Stepping,
     }
     assert seen.isdisjoint(LOG_ONLY)

@@ -163,7 +163,7 @@ def test_all_are_read_over_a_line_that_loses_a_fifth_each_way() -> None:
 def test_speeds_are_parts_of_the_autopilots_own_full_speed(wp_speed: float, configured: float) -> None:
     flight = rover(f"vehicle.speed_at_full_thrust_m_s={configured}", WP_SPEED=wp_speed)
     fly_until_tracking(flight)
-    flight.run(10.0)
+    flight.run(16.0)
     last = records_of(flight, Setpoint)[-1]
     assert last.speed_m_s == pytest.approx(1.0, abs=0.1)
     assert last.thrust == pytest.approx(last.speed_m_s / wp_speed)

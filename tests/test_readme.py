@@ -40,7 +40,7 @@ COMMANDS = [
 ]
 INSTALL_AND_FLY = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/guidance demo"
 INSTALL_AND_TEST = (
-    "python3 -m venv .venv && .venv/bin/pip install -q -e '.[test]' && .venv/bin/python -m pytest"
+    "python3 -m venv .venv && .venv/bin/pip install -q -e '.[test]' && .venv/bin/python -m pytest -n 2"
 )
 BY_HAND = [c for c in COMMANDS if c.startswith(".venv/bin/sitl vehicle") or "run --config" in c]
 DEMOS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance demo")]

@@ -11,6 +11,7 @@ import msgspec
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.core import Guide
+from guidance.handling.rover_px4 import STANDING_M_S
 from guidance.mavlink.profiles import Handling
 from guidance.records import TOPICS, Answer, Packet, Record
 from guidance.supervisor import SETPOINTS, Setpoints
@@ -105,8 +106,9 @@ class Oracle:
         if kind is Setpoints.NONE or not engagement.streaming:
             raise Broken(f"a setpoint was sent in {engagement.state}, where nothing may be")
         if kind is Setpoints.NEUTRAL:  # asks for nothing, even of a vehicle that is never to be slow
-            # what keeps an airplane in the air is its own throttle
-            if values[:3] != (0.0, 0.0, 0.0) or (values[3] != 0.0 and not self._throttle):
+            # an airplane keeps its throttle, and PX4's rovers stand by a bearing and next to no speed
+            stands = abs(values[3]) * self._full_m_s <= STANDING_M_S + 1e-6
+            if values[:3] != (0.0, 0.0, 0.0) or not (stands or self._throttle):
                 raise Broken(f"a setpoint in {engagement.state} is not neutral: {values}")
             return
         for value, (low, high) in zip(values, self._ranges, strict=True):

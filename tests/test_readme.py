@@ -28,6 +28,8 @@ from guidance.signing_files import read_key
 from guidance.telemetry.zenoh_orders import Reply
 from sitl import cli as sitl_cli
 from sitl.logbook import LogBook
+from sitl.scenarios.table import Result as Reached
+from sitl.scenarios.table import Row, Variation
 from tests.helpers import make_config, make_flight
 
 ROOT = Path(__file__).parent.parent
@@ -54,6 +56,7 @@ FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 FAULTS = [".venv/bin/sitl faults", ".venv/bin/sitl faults --real"]  # parts of both in tests of their own
+SCENARIOS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl scenarios")]
 FUZZ = [c for c in COMMANDS if c.startswith(".venv/bin/sitl fuzz")]
 ON_THE_VEHICLE = [c for c in COMMANDS if c.startswith(("sudo ", "systemctl "))]
 BENCHES = [f".venv/bin/sitl bench {what}" for what in ("latency", "loop", "link")]  # in tests of their own
@@ -86,6 +89,7 @@ def test_every_command_is_run_by_a_test_here() -> None:
             *WATCHES,
             *PAPER,
             *CAMPAIGNS,
+            *SCENARIOS,
             *FUZZ,
             *FOXGLOVE,
             *ORDERS,
@@ -177,6 +181,26 @@ def test_campaigns_run(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert arguments != command
     outcome = CliRunner().invoke(sitl_cli.app, words(arguments))
     assert outcome.exit_code == 0, outcome.output
+
+
+@pytest.mark.parametrize("command", SCENARIOS)
+def test_scenarios_are_flown_and_all_rows_are_in_the_table(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[Row, Variation]] = []
+
+    def flown(jobs: list[tuple[Row, Variation]], seeds: int, directory: Path) -> list[Reached]:
+        asked.extend(jobs)
+        return []
+
+    monkeypatch.setattr("sitl.scenarios.command.flown", flown)
+    outcome = CliRunner().invoke(sitl_cli.app, words(command))
+    assert outcome.exit_code == 0, outcome.output
+    assert asked
+    for row, variation in asked:
+        if variation.name in ("as it is", "5 m/s wind", "5 m/s wind and gusts"):
+            name = row.name if variation.name == "as it is" else f"{row.name}; {variation.name}"
+            assert f"| {row.task.profile} | {name} | " in README
 
 
 @pytest.mark.parametrize("command", FUZZ)

@@ -74,6 +74,14 @@ def test_from_far_off_facing_away_the_clock_waits(name: str) -> None:
     assert loop(name, "airplane.waits=false").fly(5.0)[-1].around.waited_s == 0.0
 
 
+def test_the_record_s_clock_is_that_of_its_step() -> None:
+    rows = loop("px4-plane", right_m=-150.0, off_rad=radians(-90.0)).fly(6.0)
+    assert rows[-1].around.waited_s > 1.0
+    for row in rows:
+        flown_s = row.solution.trajectory_s + row.around.waited_s
+        assert flown_s == pytest.approx(row.t_s - rows[0].t_s, abs=1e-6)
+
+
 def test_by_body_rates_px4_flies_as_well() -> None:
     rows = loop("px4-plane", "airplane.output=rates").fly(40.0)
     assert converged_s(rows) < 8.0

@@ -178,6 +178,18 @@ def test_a_step_asks_for_a_velocity_and_says_why() -> None:
     assert not flown.around.stuck
 
 
+def test_the_record_s_clock_is_that_of_its_step() -> None:
+    handler = Velocity(shipped("px4-copter", "copter.waits=true"))
+    assert handler.fit(PX4) is None
+    handler.start()
+    for _ in range(5):
+        waited_s = handler.waited_s
+        around = handler.step(seen(Vec3(3.0, -4.0, -10.0), ZERO), REFERENCE, 0.02).around
+        assert isinstance(around, VelocityHandling)
+        assert around.waited_s == waited_s
+    assert handler.waited_s > waited_s > 0.0
+
+
 def test_a_jump_of_the_frame_moves_what_is_remembered() -> None:
     jump = Vec3(0.4, 0.0, 0.0)
     errors = []

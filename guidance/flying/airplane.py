@@ -213,6 +213,7 @@ class Airplane:
             self._wind_ned_m_s,
             max(estimate.position_age_s, 0.0),
         )
+        waited_s = self.waited_s
         self._memory, demand, found = airplane_step(p, self._memory, measured, reference, dt_s)
         turning = self._rates(p, estimate.pose.attitude, demand, found)
         rates = estimate.attitude.body_rates_frd_rad_s
@@ -220,7 +221,7 @@ class Airplane:
             rates = turning
         asked = Demand(turning, attitude=demand.attitude, throttle=demand.throttle)
         evaluation = _evaluation(p, found, turning, estimate.position.velocity_ned_m_s)
-        return Flown(asked, found.reference, evaluation, rates, self._record(estimate, demand, found))
+        return Flown(asked, found.reference, evaluation, rates, self._record(estimate, demand, found, waited_s))
 
     def neutral(self, estimate: Estimate) -> Demand:
         """Level wings at the measured heading, pitch and throttle of level flight at the cruise airspeed."""
@@ -253,7 +254,7 @@ class Airplane:
         return Vec3(*(clamp(rate, -bound, bound) for rate, bound in zip(wanted, bounds, strict=True)))
 
     def _record(
-        self, estimate: Estimate, demand: airplane.Demand, found: airplane.Evaluation
+        self, estimate: Estimate, demand: airplane.Demand, found: airplane.Evaluation, waited_s: float
     ) -> AirplaneHandling:
         return AirplaneHandling(
             t_ns=estimate.instant_ns,
@@ -270,7 +271,7 @@ class Airplane:
             pitch_trim_rad=found.trims.pitch_rad,
             throttle_trim=found.trims.throttle,
             clock_rate=found.clock_rate,
-            waited_s=self.waited_s,
+            waited_s=waited_s,
             turning_aside=found.turn_aside != 0,
             bank_saturated=found.bank_saturated,
             pitch_saturated=found.pitch_saturated,

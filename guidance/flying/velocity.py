@@ -105,25 +105,26 @@ class Velocity:
     def step(self, estimate: Estimate, reference: Reference, dt_s: float) -> Flown:
         """The first step is taken to be as long as the others."""
         assert self._parameters is not None, "a copter that does not fit is not engaged"
+        waited_s = self.waited_s
         self._memory, demand, found = velocity_step(
             self._parameters, self._memory, measured(estimate), reference, dt_s or self._period_s
         )
         asked = Demand(velocity_ned_m_s=demand.velocity_ned_m_s, yaw_rate_rad_s=demand.yaw_rate_rad_s)
         rates = estimate.attitude.body_rates_frd_rad_s
-        return Flown(asked, found.reference, found.law, rates, self._record(estimate, found))
+        return Flown(asked, found.reference, found.law, rates, self._record(estimate, found, waited_s))
 
     def neutral(self, estimate: Estimate) -> Demand:
         """Stand in the air."""
         return _NEUTRAL
 
-    def _record(self, estimate: Estimate, found: Around) -> VelocityHandling:
+    def _record(self, estimate: Estimate, found: Around, waited_s: float) -> VelocityHandling:
         return VelocityHandling(
             t_ns=estimate.instant_ns,
             wanted_ned_m_s=found.wanted_ned_m_s,
             heading_rad=self._memory.heading_rad,
             drag_per_s=found.drag_per_s,
             clock_rate=found.clock_rate,
-            waited_s=self.waited_s,
+            waited_s=waited_s,
             stuck=found.stuck,
         )
 

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from guidance.config import Config, ConfigError, checked, profile_of
 from guidance.handling_config import ExcitationConfig
-from guidance.mavlink.profiles import Handling
+from guidance.mavlink.profiles import Asked
 from guidance.trajectory import Line
 from guidance.tune import room
 from guidance.tune.excitation import Box, Ground, Run, ground_runs, space_needed
@@ -48,9 +48,10 @@ def planned(config: Config, speed_m_s: float | None = None) -> Plan:
         ConfigError: there are no steps for the profile, the speed is beyond its limits, or there is no fence.
     """
     profile = profile_of(config)
-    if profile.handling is not Handling.GROUND:
+    if profile.asked is not Asked.YAW_RATE_SPEED:
         raise ConfigError(
-            f"vehicle.profile = {profile.name}: there are tuning flights of vehicles that drive only, so far"
+            f"vehicle.profile = {profile.name}: there are tuning flights only of vehicles that are asked for "
+            f"{Asked.YAW_RATE_SPEED} (ardupilot-rover); this one is asked for {profile.asked}"
         )
     if config.ground.turning_radius_m is None:
         raise ConfigError(

@@ -236,6 +236,13 @@ def test_it_is_flown_or_read(words: tuple[object, ...]) -> None:
     assert "say what to fly" in found.stderr
 
 
+@pytest.mark.parametrize("name", ["px4-rover", "px4-plane", "ardupilot-copter", "px4-uuv"])
+def test_what_cannot_be_stepped_is_refused(name: str) -> None:
+    found = run("--config", SHIPPED.with_name(f"{name}.toml"), "--yes")
+    assert found.exit_code == 2
+    assert f"vehicle.profile = {name}: there are tuning flights only of vehicles" in found.stderr
+
+
 def test_wrong_settings_are_refused() -> None:
     found = run("--config", SHIPPED, "--set", RADIUS, "--yes")
     assert found.exit_code == 2

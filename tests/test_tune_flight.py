@@ -280,7 +280,7 @@ def in_a_file() -> None:
     [
         (without_fence, r"there is no fence.*44 m ahead.*\nfence_ned_m = \[\[46"),
         (too_fast, r"--speed 5.5: must be above 0 and at most 5, its highest speed"),
-        (a_submarine, r"px4-uuv: there are tuning flights of vehicles that drive only"),
+        (a_submarine, r"px4-uuv: there are tuning flights only of vehicles that are asked for yaw rate"),
         (in_a_file, r"excitation: only `guidance tune` flies steps"),
     ],
 )

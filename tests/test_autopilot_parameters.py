@@ -11,6 +11,8 @@ from typing import Final
 
 import pytest
 
+from guidance.flying.airplane_fit import ASKED_FOR
+from guidance.handling import copter, rover_px4
 from guidance.mavlink.profiles import PROFILES
 from guidance.mavlink.requirements import (
     Grade,
@@ -133,6 +135,21 @@ def test_rows_are_whole(profile: object) -> None:
         assert row.required <= row.used
     required = [row.parameter for row in table if row.required]
     assert names[: len(required)] == required
+
+
+@pytest.mark.parametrize(
+    ("name", "taken"),
+    [
+        ("px4-uuv", ()),
+        ("px4-plane", ASKED_FOR),
+        ("px4-copter", (*copter.Px4._fields, "MC_YAWRATE_MAX")),
+        ("px4-rover", (*rover_px4.Autopilot._fields, "RD_WHEEL_TRACK")),
+        ("ardupilot-plane", (*ASKED_FOR, "SCHED_LOOP_RATE")),
+        ("ardupilot-copter", (*copter.ArduPilot._fields, "ATC_RATE_Y_MAX", "SCHED_LOOP_RATE")),
+    ],
+)
+def test_what_is_recorded_as_used_is_used(name: str, taken: tuple[str, ...]) -> None:
+    assert {row.parameter for row in PROFILES[name].requirements if row.used} <= set(taken)
 
 
 @pytest.mark.parametrize("bound", [0.01, 10.0])

@@ -58,6 +58,19 @@ def _limit(
     )
 
 
+def _told(
+    name: str,
+    what: str,
+    unit: str,
+    plausible: tuple[float, float],
+    *,
+    older: str = "",
+    older_scale: float = 1.0,
+) -> Requirement:
+    """One that the autopilot keeps to, and nothing here."""
+    return _limit(name, what, unit, plausible, older=older, older_scale=older_scale)._replace(used=False)
+
+
 ROVER_GUIDED: Final = (
     Requirement(
         "WP_SPEED",
@@ -156,7 +169,7 @@ PLANE_GUIDED: Final = (
         older="ARSPD_FBW_MAX",
         required=True,
     ),
-    _limit("AIRSPEED_STALL", "it is the airspeed at which it stalls (0: not known)", "m/s", (0.0, 150.0)),
+    _told("AIRSPEED_STALL", "it is the airspeed at which it stalls (0: not known)", "m/s", (0.0, 150.0)),
     _limit(
         "ROLL_LIMIT_DEG",
         "the bank is asked for up to this angle",
@@ -186,8 +199,8 @@ PLANE_GUIDED: Final = (
     _limit("THR_MAX", "throttle is asked for up to here", "%", (10.0, 100.0)),
     _limit("TECS_CLMB_MAX", "it is how fast it climbs with all of its throttle", "m/s", (0.1, 100.0)),
     _limit("TECS_SINK_MAX", "it is how fast it may sink", "m/s", (0.1, 100.0)),
-    _limit("RLL2SRV_TCONST", "the bank follows with this time constant", "s", (0.05, 5.0)),
-    _limit("PTCH2SRV_TCONST", "the pitch follows with this time constant", "s", (0.05, 5.0)),
+    _told("RLL2SRV_TCONST", "the bank follows with this time constant", "s", (0.05, 5.0)),
+    _told("PTCH2SRV_TCONST", "the pitch follows with this time constant", "s", (0.05, 5.0)),
     _LOOP_RATE,
     Requirement(
         "FS_LONG_ACTN",
@@ -242,7 +255,7 @@ COPTER_GUIDED: Final = (
         older="WPNAV_ACCEL_Z",
         older_scale=_CENTI,
     ),
-    _limit("ATC_ANGLE_MAX", "it leans no further", "deg", (5.0, 89.0), older="ANGLE_MAX", older_scale=_CENTI),
+    _told("ATC_ANGLE_MAX", "it leans no further", "deg", (5.0, 89.0), older="ANGLE_MAX", older_scale=_CENTI),
     _limit("PSC_JERK_D", "it changes no faster up and down", "m/s^3", (0.1, 500.0), older="PSC_JERK_Z"),
     _limit("PSC_JERK_NE", "the acceleration changes no faster", "m/s^3", (0.1, 500.0), older="PSC_JERK_XY"),
     Requirement(

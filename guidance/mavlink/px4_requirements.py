@@ -59,12 +59,17 @@ def _required(name: str, what: str, unit: str, plausible: tuple[float, float]) -
     return _limit(name, what, unit, plausible)._replace(required=True)
 
 
+def _told(name: str, what: str, unit: str, plausible: tuple[float, float]) -> Requirement:
+    """One that the autopilot keeps to, and nothing here."""
+    return _limit(name, what, unit, plausible)._replace(used=False)
+
+
 PX4_PLANE: Final = (
     *PX4_OFFBOARD,
     _required("FW_AIRSPD_MIN", "below it the autopilot takes the airplane to stall", "m/s", _SPEED),
     _required("FW_AIRSPD_TRIM", "its controllers are tuned at this airspeed", "m/s", _SPEED),
     _required("FW_AIRSPD_MAX", "above it the autopilot takes the airplane to break", "m/s", _SPEED),
-    _limit("FW_AIRSPD_STALL", "it is the airspeed at which it stalls", "m/s", (0.0, 150.0)),
+    _told("FW_AIRSPD_STALL", "it is the airspeed at which it stalls", "m/s", (0.0, 150.0)),
     _limit("FW_R_LIM", "the bank is asked for up to this angle", "deg", (5.0, 80.0)),
     _limit("FW_P_LIM_MIN", "the nose is asked to go down to this angle", "deg", (-80.0, -1.0)),
     _limit("FW_P_LIM_MAX", "the nose is asked to go up to this angle", "deg", (1.0, 80.0)),
@@ -75,8 +80,8 @@ PX4_PLANE: Final = (
         "FW_T_CLMB_MAX", "it is how fast the airplane climbs with all of its throttle", "m/s", (0.1, 100.0)
     ),
     _limit("FW_T_SINK_MAX", "it is how fast the airplane may sink", "m/s", (0.1, 100.0)),
-    _limit("FW_R_TC", "the bank follows with this time constant", "s", (0.05, 5.0)),
-    _limit("FW_P_TC", "the pitch follows with this time constant", "s", (0.05, 5.0)),
+    _told("FW_R_TC", "the bank follows with this time constant", "s", (0.05, 5.0)),
+    _told("FW_P_TC", "the pitch follows with this time constant", "s", (0.05, 5.0)),
     Requirement(
         "FW_ACRO_YAW_EN",
         "",
@@ -107,11 +112,11 @@ PX4_COPTER: Final = (
     _required("MPC_Z_VEL_MAX_UP", "it climbs no faster", "m/s", _SPEED),
     _required("MPC_Z_VEL_MAX_DN", "it sinks no faster", "m/s", _SPEED),
     _limit("MPC_ACC_HOR", "the velocity changes no faster in flight by itself", "m/s^2", (0.1, 50.0)),
-    _limit("MPC_ACC_HOR_MAX", "the velocity changes no faster", "m/s^2", (0.1, 50.0)),
+    _told("MPC_ACC_HOR_MAX", "the velocity changes no faster", "m/s^2", (0.1, 50.0)),
     _limit("MPC_ACC_UP_MAX", "the velocity changes no faster upwards", "m/s^2", (0.1, 50.0)),
     _limit("MPC_ACC_DOWN_MAX", "the velocity changes no faster downwards", "m/s^2", (0.1, 50.0)),
-    _limit("MPC_JERK_MAX", "the acceleration changes no faster", "m/s^3", (0.1, 500.0)),
-    _limit("MPC_TILTMAX_AIR", "it leans no further", "deg", (5.0, 89.0)),
+    _told("MPC_JERK_MAX", "the acceleration changes no faster", "m/s^3", (0.1, 500.0)),
+    _told("MPC_TILTMAX_AIR", "it leans no further", "deg", (5.0, 89.0)),
     Requirement(
         "MC_YAWRATE_MAX",
         "the vehicle turns slower than it is asked to",
@@ -140,14 +145,12 @@ PX4_ROVER: Final = (
         used=True,
     ),
     Requirement("RO_MAX_THR_SPEED", "", unit="m/s"),
-    _limit("RO_SPEED_P", "with this gain it follows a speed", "", (0.0, 100.0)),
+    _told("RO_SPEED_P", "with this gain it follows a speed", "", (0.0, 100.0)),
     _limit("RO_YAW_P", "with this gain it turns to a bearing", "1/s", (0.01, 100.0)),
     _limit("RO_ACCEL_LIM", "it gains speed no faster", "m/s^2", (0.01, 100.0))._replace(
         zero_is_no_limit=True
     ),
-    _limit("RO_DECEL_LIM", "it loses speed no faster", "m/s^2", (0.01, 100.0))._replace(
-        zero_is_no_limit=True
-    ),
+    _told("RO_DECEL_LIM", "it loses speed no faster", "m/s^2", (0.01, 100.0))._replace(zero_is_no_limit=True),
     Requirement(
         "RO_YAW_RATE_LIM",
         "the vehicle turns slower than it is asked to",

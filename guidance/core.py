@@ -225,7 +225,7 @@ class Guide:
         if stream is not None:
             stream.arrived(now_ns, valid=True)
         self.guards.heard(body)
-        self.fitting.heard(received)
+        self.fitting.heard(received, now_ns)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)

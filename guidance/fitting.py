@@ -64,7 +64,7 @@ class Fitting:
         self._judge = self._judge or config is not self._config
         self._config = config
 
-    def heard(self, received: Received) -> None:
+    def heard(self, received: Received, now_ns: int) -> None:
         """A parameter, asked for by us or set by somebody else; or the air, for what flies. Others are not
         looked at."""
         body = received.body
@@ -74,7 +74,7 @@ class Fitting:
                 self._changed[name_of(body)] = None
         elif isinstance(body, AirBody):
             if all(map(isfinite, body)):
-                self._tracker.handler.heard(body)
+                self._tracker.handler.heard(body, now_ns)
             else:
                 self._link.counters[f"{received.name}:not_finite"] += 1
 

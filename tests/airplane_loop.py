@@ -154,11 +154,11 @@ class Loop:
         if (self.now_ns // STEP_NS) % 10 == 0:
             handler = self.tracker.handler
             if self._sensed is not None:
-                handler.heard(VfrHud(self._sensed(s.airspeed_m_s + 0.3 * z[0]), 0.0))
+                handler.heard(VfrHud(self._sensed(s.airspeed_m_s + 0.3 * z[0]), 0.0), self.now_ns)
             wind = self.weather.wind
             if self._wind_told:
                 from_deg = degrees(atan2(-wind.east_m_s, -wind.north_m_s))
-                handler.heard(Wind(from_deg, hypot(wind.north_m_s, wind.east_m_s), 0.0))
+                handler.heard(Wind(from_deg, hypot(wind.north_m_s, wind.east_m_s), 0.0), self.now_ns)
 
     def _body_rates(self, at_ns: int) -> Vec3:
         """By the attitude before."""

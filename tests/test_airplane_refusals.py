@@ -13,7 +13,7 @@ from guidance.commands import LoadTrajectory, Set
 from guidance.config import ConfigError, load
 from guidance.core import Guide
 from guidance.estimate import AttitudeSample, Estimate, PositionSample
-from guidance.flying.airplane import Airplane
+from guidance.flying.airplane import AIRSPEED_S, WIND_S, Airplane
 from guidance.flying.airplane_fit import thinness
 from guidance.mavlink.air import VfrHud, Wind, WindCov
 from guidance.se3 import IDENTITY, ZERO, Pose, Twist, Vec3
@@ -42,7 +42,7 @@ def estimate(velocity_ned_m_s: Vec3 = NORTH) -> Estimate:
 def plane(*settings: str, airspeed: float = 12.0, alt: float = 0.0, name: str = "px4-plane") -> Airplane:
     handler = Airplane(shipped(name, *settings))
     assert handler.fit({}) is None
-    handler.heard(VfrHud(airspeed, alt))
+    handler.heard(VfrHud(airspeed, alt), 0)
     return handler
 
 
@@ -60,7 +60,7 @@ def test_all_is_well_in_the_air() -> None:
 def test_without_an_airspeed_it_is_not_engaged() -> None:
     assert "no airspeed: VFR_HUD tells none" in why(plane(airspeed=0.0))
     handler = plane(airspeed=0.0)
-    handler.heard(WindCov(0.5, 0.0, 0.0))
+    handler.heard(WindCov(0.5, 0.0, 0.0), 0)
     assert why(handler) == "", "velocity and wind say it"
 
 
@@ -70,7 +70,7 @@ def test_on_the_ground_it_is_not_engaged() -> None:
 
 def test_an_airspeed_that_does_not_fit_velocity_and_wind_is_not_engaged_with() -> None:
     handler = plane(airspeed=18.0)
-    handler.heard(Wind(0.0, 1.0, 0.0))  # ahead: 13 m/s through the air
+    handler.heard(Wind(0.0, 1.0, 0.0), 0)  # ahead: 13 m/s through the air
     assert "the airspeed is 18.0 m/s, but 13.0 by velocity and wind" in why(handler)
 
 
@@ -134,20 +134,33 @@ def test_calibrated_airspeeds_are_true_ones_in_thin_air() -> None:
     assert "at least 11 m/s available (the least airspeed)" in why(plane(*slow, alt=2000.0))
 
 
+def test_air_that_was_heard_of_long_ago_is_not_engaged_with() -> None:
+    def why_at(at_s: float) -> str:
+        at = estimate()._replace(instant_ns=round(at_s * 1e9))
+        return handler.unmet(at, Vec3(0.0, 0.0, -60.0), 0.0) or ""
+
+    handler = plane()
+    handler.heard(Wind(0.0, 0.5, 0.0), 0)
+    assert why_at(AIRSPEED_S + 0.1) == "", "velocity and wind say it"
+    assert "no airspeed" in why_at(WIND_S + 0.1)
+    handler.heard(VfrHud(12.0, 0.0), round(WIND_S * 1e9))
+    assert why_at(WIND_S + 0.1) == ""
+
+
 # Wind ------------------------------------------------------------------------------------------------
 
 
 def test_a_circle_that_the_wind_makes_too_fast_is_refused_with_numbers() -> None:
     handler = plane("airplane.waits=false", airspeed=17.0)
-    handler.heard(Wind(0.0, 5.0, 0.0))
+    handler.heard(Wind(0.0, 5.0, 0.0), 0)
     refused = why(handler)
     assert refused.startswith("the trajectory: airspeed")
     assert "m/s available" in refused
     waiting = plane(airspeed=17.0)
-    waiting.heard(Wind(0.0, 5.0, 0.0))
+    waiting.heard(Wind(0.0, 5.0, 0.0), 0)
     assert why(waiting) == "", "its reference waits upwind"
-    handler.heard(Wind(0.0, 0.0, 0.0))
-    handler.heard(VfrHud(12.0, 0.0))
+    handler.heard(Wind(0.0, 0.0, 0.0), 0)
+    handler.heard(VfrHud(12.0, 0.0), 0)
     assert why(handler) == ""
 
 

@@ -24,7 +24,7 @@ class Listening(Rates):
         super().__init__(make_config(), planar=False)
         self.bodies: list[Body] = []
 
-    def heard(self, body: Body) -> None:
+    def heard(self, body: Body, now_ns: int) -> None:
         self.bodies.append(body)
 
 

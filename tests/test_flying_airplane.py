@@ -286,7 +286,7 @@ def test_winds_blow_where_they_say(
 ) -> None:
     handler = quiet.tracker.handler
     assert isinstance(handler, Airplane)
-    handler.heard(body)
+    handler.heard(body, quiet.now_ns)
     told = measured(handler, monkeypatch, quiet)
     assert told.wind_given
     assert told.wind_ned_m_s[:2] == pytest.approx(wind)
@@ -300,7 +300,7 @@ def test_a_wind_that_cannot_be_is_not_flown_with(
 ) -> None:
     handler = quiet.tracker.handler
     assert isinstance(handler, Airplane)
-    handler.heard(body)
+    handler.heard(body, quiet.now_ns)
     assert not measured(handler, monkeypatch, quiet).wind_given
 
 
@@ -308,9 +308,9 @@ def test_an_airspeed_is_used_while_it_is_young(quiet: Loop, monkeypatch: pytest.
     handler = quiet.tracker.handler
     assert isinstance(handler, Airplane)
     for bad in (nan, inf, -1.0):
-        handler.heard(VfrHud(bad, 0.0))
+        handler.heard(VfrHud(bad, 0.0), quiet.now_ns)
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 0.0
-    handler.heard(VfrHud(12.5, 0.0))
+    handler.heard(VfrHud(12.5, 0.0), quiet.now_ns)
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 12.5
     quiet.fly(AIRSPEED_S)
     assert measured(handler, monkeypatch, quiet).airspeed_m_s == 0.0

@@ -68,8 +68,8 @@ class Handler(Protocol):
         """Why a flight must not begin now, here, with the trajectory's origin there and the ground at that
         height (None: not known). Asked over and over before a flight, never in one."""
 
-    def heard(self, body: Body) -> None:
-        """A message that is no state: airspeed and wind are among them."""
+    def heard(self, body: Body, now_ns: int) -> None:
+        """A message that is no state, which came now: airspeed and wind are among them."""
 
     def start(self) -> None:
         """A flight begins, or goes on after it was held."""

@@ -72,8 +72,9 @@ class Airplane:
         self._memory = airplane.unstarted(UNTRIMMED)
         self._fitted: Fitted | None = None
         self._period_s = 1.0 / config.link.rate_hz
-        self._airspeed_m_s, self._airspeed_age_s = 0.0, 0.0
-        self._wind_ned_m_s, self._wind_age_s = ZERO, WIND_S
+        self._airspeed_m_s, self._airspeed_ns = 0.0, 0
+        self._wind_ned_m_s: Vec3 | None = None
+        self._wind_ns = 0
         self._thinness = self._thin = 1.0
         self._ground_down_m: float | None = None
         self._config = config
@@ -141,8 +142,8 @@ class Airplane:
             return found
         self._take(found)
         p = found.parameters
-        wind = self._wind_ned_m_s if self._wind_age_s < WIND_S else None
-        slow = self._too_slow(p, estimate.position.velocity_ned_m_s, wind)
+        airspeed_m_s, wind = self._air(estimate.instant_ns)
+        slow = _too_slow(p, estimate.position.velocity_ned_m_s, airspeed_m_s, wind)
         if slow is not None:
             return slow
         floor = FREE
@@ -155,41 +156,26 @@ class Airplane:
             floor = floor._replace(value=FLOOR_STEP_M * round(below_m / FLOOR_STEP_M))
         return cannot_fly(self._config.trajectory, p, self.trims, wind or ZERO, floor)
 
-    def _too_slow(self, p: Parameters, velocity_ned_m_s: Vec3, wind_ned_m_s: Vec3 | None) -> str | None:
-        """Why nothing can be flown by this airspeed."""
-        airspeed, least = self._airspeed_m_s, p.envelope.airspeed_min_m_s
-        if wind_ned_m_s is not None:
-            through = norm(subtract(velocity_ned_m_s, wind_ned_m_s))
-            wind = airplane_wind.Memory(wind_ned_m_s.x, wind_ned_m_s.y, True)
-            if airspeed != airplane_wind.believed_m_s(wind, velocity_ned_m_s, airspeed):
-                return (
-                    f"the airspeed is {airspeed:.1f} m/s, but {through:.1f} by velocity and wind: is the "
-                    "sensor blocked? Else wait until the autopilot knows the wind"
-                )
-            airspeed = airspeed or through
-        if airspeed == 0.0:
-            return (
-                "no airspeed: VFR_HUD tells none, and no wind is told either; the autopilot needs a sensor "
-                "or an estimate"
-            )
-        if airspeed < FLIES_PART * least:
-            return f"the airspeed is {airspeed:.1f} m/s, the least {least:.3g}: take off, this only flies"
-        return None
-
-    def heard(self, body: Body) -> None:
+    def heard(self, body: Body, now_ns: int) -> None:
         """Airspeed and wind."""
         match body:
             case VfrHud(airspeed=airspeed, alt=alt) if 0.0 <= airspeed < ABSURD_AIRSPEED_M_S:
                 self._thinness = thinness(alt)
-                self._airspeed_m_s, self._airspeed_age_s = airspeed * self._thinness, 0.0
+                self._airspeed_m_s, self._airspeed_ns = airspeed * self._thinness, now_ns
             case Wind(direction=from_deg, speed=speed) if isfinite(from_deg):
-                self._blows(Vec3(-speed * cos(radians(from_deg)), -speed * sin(radians(from_deg)), 0.0))
+                north, east = -speed * cos(radians(from_deg)), -speed * sin(radians(from_deg))
+                self._blows(Vec3(north, east, 0.0), now_ns)
             case WindCov(wind_x=north, wind_y=east):
-                self._blows(Vec3(north, east, 0.0))
+                self._blows(Vec3(north, east, 0.0), now_ns)
 
-    def _blows(self, wind_ned_m_s: Vec3) -> None:
+    def _blows(self, wind_ned_m_s: Vec3, now_ns: int) -> None:
         if norm(wind_ned_m_s) < ABSURD_WIND_M_S:
-            self._wind_ned_m_s, self._wind_age_s = wind_ned_m_s, 0.0
+            self._wind_ned_m_s, self._wind_ns = wind_ned_m_s, now_ns
+
+    def _air(self, instant_ns: int) -> tuple[float, Vec3 | None]:
+        """True airspeed (0: none) and wind (None: none), of what was heard not too long before."""
+        airspeed_m_s = self._airspeed_m_s if (instant_ns - self._airspeed_ns) * 1e-9 < AIRSPEED_S else 0.0
+        return airspeed_m_s, self._wind_ned_m_s if (instant_ns - self._wind_ns) * 1e-9 < WIND_S else None
 
     def start(self) -> None:
         """As `Handler` says; what was learned is kept."""
@@ -203,14 +189,13 @@ class Airplane:
         assert self._fitted is not None, "an airplane that does not fit is not engaged"
         p = self._fitted.parameters
         dt_s = dt_s or self._period_s
-        self._airspeed_age_s += dt_s
-        self._wind_age_s += dt_s
+        airspeed_m_s, wind = self._air(estimate.instant_ns)
         measured = Measured(
             estimate.seen,
             estimate.position.velocity_ned_m_s,
-            self._airspeed_m_s if self._airspeed_age_s < AIRSPEED_S else 0.0,
-            self._wind_age_s < WIND_S,
-            self._wind_ned_m_s,
+            airspeed_m_s,
+            wind is not None,
+            wind or ZERO,
             max(estimate.position_age_s, 0.0),
         )
         waited_s = self.waited_s
@@ -221,7 +206,9 @@ class Airplane:
             rates = turning
         asked = Demand(turning, attitude=demand.attitude, throttle=demand.throttle)
         evaluation = _evaluation(p, found, turning, estimate.position.velocity_ned_m_s)
-        return Flown(asked, found.reference, evaluation, rates, self._record(estimate, demand, found, waited_s))
+        return Flown(
+            asked, found.reference, evaluation, rates, self._record(estimate, demand, found, waited_s)
+        )
 
     def neutral(self, estimate: Estimate) -> Demand:
         """Level wings at the measured heading, pitch and throttle of level flight at the cruise airspeed."""
@@ -281,6 +268,30 @@ class Airplane:
             stall_guard=found.stall_guard,
             airspeed_doubted=found.airspeed_doubted,
         )
+
+
+def _too_slow(
+    p: Parameters, velocity_ned_m_s: Vec3, airspeed_m_s: float, wind_ned_m_s: Vec3 | None
+) -> str | None:
+    """Why nothing can be flown by this airspeed."""
+    airspeed, least = airspeed_m_s, p.envelope.airspeed_min_m_s
+    if wind_ned_m_s is not None:
+        through = norm(subtract(velocity_ned_m_s, wind_ned_m_s))
+        wind = airplane_wind.Memory(wind_ned_m_s.x, wind_ned_m_s.y, True)
+        if airspeed != airplane_wind.believed_m_s(wind, velocity_ned_m_s, airspeed):
+            return (
+                f"the airspeed is {airspeed:.1f} m/s, but {through:.1f} by velocity and wind: is the "
+                "sensor blocked? Else wait until the autopilot knows the wind"
+            )
+        airspeed = airspeed or through
+    if airspeed == 0.0:
+        return (
+            "no airspeed: VFR_HUD tells none, and no wind is told either; the autopilot needs a sensor "
+            "or an estimate"
+        )
+    if airspeed < FLIES_PART * least:
+        return f"the airspeed is {airspeed:.1f} m/s, the least {least:.3g}: take off, this only flies"
+    return None
 
 
 def _evaluation(p: Parameters, found: airplane.Evaluation, turning: Vec3, velocity: Vec3) -> Evaluation:

@@ -77,9 +77,9 @@ class Excited:
         """As `Handler` says."""
         return self._inner.unmet(estimate, origin_ned_m, ground_down_m)
 
-    def heard(self, body: Body) -> None:
+    def heard(self, body: Body, now_ns: int) -> None:
         """As `Handler` says."""
-        self._inner.heard(body)
+        self._inner.heard(body, now_ns)
 
     def start(self) -> None:
         """As `Handler` says."""

@@ -58,7 +58,7 @@ class Ground:
         """Nothing is learned."""
         return "this vehicle learns nothing"
 
-    def heard(self, body: Body) -> None:
+    def heard(self, body: Body, now_ns: int) -> None:
         """Nothing."""
 
     def start(self) -> None:

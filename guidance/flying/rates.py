@@ -45,7 +45,7 @@ class Rates:
         """Nothing is learned."""
         return "this vehicle learns nothing"
 
-    def heard(self, body: Body) -> None:
+    def heard(self, body: Body, now_ns: int) -> None:
         """Nothing."""
 
     def start(self) -> None:

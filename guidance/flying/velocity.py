@@ -89,7 +89,7 @@ class Velocity:
         """Nothing."""
         return None
 
-    def heard(self, body: Body) -> None:
+    def heard(self, body: Body, now_ns: int) -> None:
         """Nothing."""
 
     def start(self) -> None:

@@ -379,6 +379,18 @@ def test_neutral_is_level_flight(name: str) -> None:
     assert demand.throttle == pytest.approx({"px4-plane": 0.8, "ardupilot-plane": 0.36}[name], abs=0.06)
 
 
+def test_neutral_by_body_rates_levels_the_wings() -> None:
+    flight = loop("px4-plane", "airplane.output=rates")
+    flight.fly(20.0)
+    estimate = flight.estimator.at(flight.now_ns)
+    assert estimate is not None
+    bank = roll_of(estimate.pose.attitude)
+    assert bank > 0.1
+    rates = Vec3(*flight.tracker.neutral(estimate).body_rates_frd_rad_s)
+    assert rates.x == pytest.approx(-4.0 * bank, rel=0.2)
+    assert rates.z > 0.0, "as long as it banks, it turns"
+
+
 def test_the_evaluation_is_the_field_s() -> None:
     rows = loop("px4-plane", right_m=30.0).fly(3.0)
     for row in rows[::20]:

@@ -200,7 +200,9 @@ class Airplane:
         )
         waited_s = self.waited_s
         self._memory, demand, found = airplane_step(p, self._memory, measured, reference, dt_s)
-        turning = self._rates(p, estimate.pose.attitude, demand, found)
+        turning = self._rates(
+            p, estimate.pose.attitude, demand.roll_rad, demand.pitch_rad, found.airspeed_m_s
+        )
         rates = estimate.attitude.body_rates_frd_rad_s
         if self._config.airplane.output == "rates":
             rates = turning
@@ -221,21 +223,22 @@ class Airplane:
         level = clamp(alpha + self.trims.pitch_rad, pitch.lowest_rad, pitch.highest_rad)
         drag = airplane_throttle.drag_m_s2(throttle, V, 1.0) / throttle.thrust_m_s2
         power = clamp(drag + self.trims.throttle, throttle.lowest, throttle.highest)
-        return Demand(attitude=from_euler(0.0, level, heading), throttle=power)
+        levelling = self._rates(p, estimate.pose.attitude, 0.0, level, V)
+        return Demand(levelling, attitude=from_euler(0.0, level, heading), throttle=power)
 
     def _rates(
-        self, p: Parameters, attitude: Quaternion, demand: airplane.Demand, found: airplane.Evaluation
+        self, p: Parameters, attitude: Quaternion, roll_rad: float, pitch_rad: float, airspeed_m_s: float
     ) -> Vec3:
-        """Body rates to the attitude that is asked for, within the limits."""
+        """Body rates from the attitude to this roll and pitch, within the limits."""
         limits, gain = self._config.limits, self._config.airplane.attitude_gain_per_s
         roll, pitch = roll_of(attitude), pitch_of(attitude)
         most = limits.pitch_rate_max_rad_s
         wanted = body_rates(
             roll,
             pitch,
-            clamp(gain * (demand.roll_rad - roll), -p.roll_rate_rad_s, p.roll_rate_rad_s),
-            clamp(gain * (demand.pitch_rad - pitch), -most, most),
-            turn_rate_rad_s(roll, found.airspeed_m_s, found.trims.effectiveness),
+            clamp(gain * (roll_rad - roll), -p.roll_rate_rad_s, p.roll_rate_rad_s),
+            clamp(gain * (pitch_rad - pitch), -most, most),
+            turn_rate_rad_s(roll, airspeed_m_s, self.trims.effectiveness),
         )
         bounds = (limits.roll_rate_max_rad_s, most, limits.yaw_rate_max_rad_s)
         return Vec3(*(clamp(rate, -bound, bound) for rate, bound in zip(wanted, bounds, strict=True)))

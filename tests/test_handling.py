@@ -74,14 +74,13 @@ def test_in_reverse_it_is_the_same_slip() -> None:
 
 @pytest.mark.parametrize(("forward", "right"), [(0.6, 0.1), (0.0, 3.0), (1.0, 1.1)])
 def test_where_there_is_no_course_nothing_is_learned(forward: float, right: float) -> None:
-    known = slip.Memory(0.03, False)
+    known = slip.Memory(0.03)
     assert after(5.0, forward, right, known) == known
 
 
-def test_it_stays_within_its_bound_and_says_so() -> None:
-    assert after(30.0, 2.0, 1.0) == slip.Memory(0.15, True)
-    assert after(30.0, 2.0, -1.0) == slip.Memory(-0.15, True)
-    assert not after(30.0, 2.0, 0.1).at_bound
+def test_it_stays_within_its_bound() -> None:
+    assert after(30.0, 2.0, 1.0) == slip.Memory(0.15)
+    assert after(30.0, 2.0, -1.0) == slip.Memory(-0.15)
 
 
 # --- speed loop ---

@@ -26,7 +26,7 @@ from guidance.handling import (
     airplane_wind,
     waiting,
 )
-from guidance.handling.airplane_bank import GRAVITY_M_S2
+from guidance.handling.airplane_bank import GRAVITY_M_S2, STEEPEST_RAD
 from guidance.handling.airplane_prediction import coasted
 from guidance.law import field_of
 from guidance.limits import clamp
@@ -194,7 +194,7 @@ def airplane_step(
     course = atan2(ground_s, ground_c)
 
     # as steep as the wing is loaded now
-    load_now = 1.0 / cos(clamp(bank_now, -1.3, 1.3))
+    load_now = 1.0 / cos(clamp(bank_now, -STEEPEST_RAD, STEEPEST_RAD))
     slowest = airplane_envelope.slowest_m_s(p.envelope, load_now)
     fastest = airplane_throttle.fastest_m_s(p.throttle, memory.throttle_trim, load_now, -reference.velocity.z)
     fastest = min(fastest, p.envelope.airspeed_max_m_s)

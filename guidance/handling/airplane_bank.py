@@ -17,6 +17,8 @@ from guidance.limits import clamp
 from guidance.se3 import Vec3
 
 GRAVITY_M_S2: Final = 9.80665
+#: No turn is computed for a steeper bank (rad) than this.
+STEEPEST_RAD: Final = 1.3
 #: The least part of g that is carried: a bank is never computed for a fall.
 CARRIED_MIN: Final = 0.3
 
@@ -92,7 +94,7 @@ def effectiveness_step(
     """
     p = parameters
     north_m_s, east_m_s = velocity_ned_m_s.x, velocity_ned_m_s.y
-    banked = vertical_m_s2 * tan(clamp(bank_rad, -1.3, 1.3))
+    banked = vertical_m_s2 * tan(clamp(bank_rad, -STEEPEST_RAD, STEEPEST_RAD))
     if not memory.started:
         return Memory(memory.effectiveness, north_m_s, east_m_s, banked, True)
     part = clamp(dt_s / p.lag_s, 0.0, 1.0)

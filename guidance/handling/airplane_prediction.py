@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt, tan
 
-from guidance.handling.airplane_bank import GRAVITY_M_S2
+from guidance.handling.airplane_bank import GRAVITY_M_S2, STEEPEST_RAD
 from guidance.limits import clamp
 from guidance.se3 import Vec3
 
@@ -25,7 +25,8 @@ def coasted(
     north = velocity_ned_m_s.x - wind_ned_m_s.x
     east = velocity_ned_m_s.y - wind_ned_m_s.y
     air = max(sqrt(north * north + east * east), 1.0)
-    angle = effectiveness * GRAVITY_M_S2 * tan(clamp(bank_rad, -1.3, 1.3)) / air * ahead_s
+    banked = tan(clamp(bank_rad, -STEEPEST_RAD, STEEPEST_RAD))
+    angle = effectiveness * GRAVITY_M_S2 * banked / air * ahead_s
     # the chord is at half the angle; its length is the arc's to second order
     c, s = cos(0.5 * angle), sin(0.5 * angle)
     half_north, half_east = c * north - s * east, s * north + c * east

@@ -11,14 +11,10 @@ not at all. It goes round as the bank makes it, psi' = eta g tan(phi)/V, and tha
 from __future__ import annotations
 
 from math import cos, sin, tan
-from typing import Final
 
-from guidance.handling.airplane_bank import GRAVITY_M_S2
+from guidance.handling.airplane_bank import GRAVITY_M_S2, STEEPEST_RAD
 from guidance.limits import clamp
 from guidance.se3 import Vec3
-
-#: No turn is computed for a steeper bank (rad) than this.
-STEEPEST_RAD: Final = 1.3
 
 
 def turn_rate_rad_s(bank_rad: float, airspeed_m_s: float, effectiveness: float) -> float:

@@ -5,7 +5,7 @@ degree or two off, a boat drifts, a tyre slips. Left alone that is a constant er
 speed times angle over lambda k. The law is therefore given the course: the heading and the slip.
 
 Slowly, because what is wanted is a constant and velocity is noisy; only when moving fast enough for a course
-to exist; and within a bound, so that a bad heading is not hidden but seen (`Memory.at_bound`).
+to exist; and within a bound: what is at it is a bad heading, which is not to be hidden but looked into.
 """
 
 from __future__ import annotations
@@ -26,13 +26,12 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The slip, rad, positive when the course is to the right of the heading; whether it is at its bound."""
+    """The slip, rad, positive when the course is to the right of the heading."""
 
     slip_rad: float
-    at_bound: bool
 
 
-NONE: Final = Memory(0.0, False)
+NONE: Final = Memory(0.0)
 
 
 def slip_step(
@@ -50,4 +49,4 @@ def slip_step(
     seen = atan2(right_m_s if forward_m_s > 0.0 else -right_m_s, speed)
     part = dt / (parameters.time_constant_s + dt)
     slip = memory.slip_rad + part * (seen - memory.slip_rad)
-    return Memory(clamp(slip, -bound, bound), abs(slip) >= bound)
+    return Memory(clamp(slip, -bound, bound))

@@ -204,11 +204,6 @@ def acting(queue: tuple[Command, ...], time_s: float) -> Command:
     return found
 
 
-def course_speed_m_s(state: State) -> float:
-    """Over ground."""
-    return hypot(state.velocity_north_m_s, state.velocity_east_m_s)
-
-
 def _drive(p: Parameters, led: float, v: float, integral: float) -> tuple[float, float]:
     """Acceleration and the integral's rate; the integral rests while the throttle is at its end."""
     error = led - v

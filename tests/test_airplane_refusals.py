@@ -150,6 +150,13 @@ def test_air_that_was_heard_of_long_ago_is_not_engaged_with() -> None:
 # Wind ------------------------------------------------------------------------------------------------
 
 
+def test_more_wind_than_is_flown_with_is_refused() -> None:
+    """What blows more is taken for less, and the airspeed, which then does not fit, is not believed."""
+    handler = plane("airplane.wind_max_m_s=4", airspeed=17.0)
+    handler.heard(Wind(0.0, 5.0, 0.0), 0)
+    assert why(handler) == "the wind is 5.0 m/s, airplane.wind_max_m_s = 4: no flight"
+
+
 def test_a_circle_that_the_wind_makes_too_fast_is_refused_with_numbers() -> None:
     handler = plane("airplane.waits=false", airspeed=17.0)
     handler.heard(Wind(0.0, 5.0, 0.0), 0)

@@ -143,6 +143,9 @@ class Airplane:
         self._take(found)
         p = found.parameters
         airspeed_m_s, wind = self._air(estimate.instant_ns)
+        most_m_s = self._config.airplane.wind_max_m_s
+        if wind is not None and norm(wind) > most_m_s:
+            return f"the wind is {norm(wind):.1f} m/s, airplane.wind_max_m_s = {most_m_s:g}: no flight"
         slow = _too_slow(p, estimate.position.velocity_ned_m_s, airspeed_m_s, wind)
         if slow is not None:
             return slow

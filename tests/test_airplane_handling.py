@@ -302,3 +302,12 @@ def test_wind_is_bounded() -> None:
         WIND, airplane_wind.UNKNOWN, ZERO, 0.0, 0.0, True, Vec3(90.0, 0.0, 0.0), DT_S
     )
     assert memory.north_m_s == pytest.approx(15.0)
+
+
+def test_where_the_wind_is_at_its_bound_the_airspeed_is_not_doubted() -> None:
+    """A gale of 22 m/s from ahead: by the bounded estimate the airspeed would be 7 m/s less than it is."""
+    ground = Vec3(2.0, 0.0, 0.0)
+    bounded = airplane_wind.Memory(-15.0, 0.0, True)
+    assert airplane_wind.believed_m_s(bounded, ground, 24.0, 15.0) == 24.0
+    known = airplane_wind.Memory(-8.0, 0.0, True)
+    assert airplane_wind.believed_m_s(known, ground, 24.0, 15.0) == 0.0

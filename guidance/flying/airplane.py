@@ -8,7 +8,7 @@ later the demand acts.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import cos, isfinite, radians, sin, sqrt
+from math import cos, inf, isfinite, radians, sin, sqrt
 from typing import Annotated, Final
 
 import msgspec
@@ -284,7 +284,7 @@ def _too_slow(
     if wind_ned_m_s is not None:
         through = norm(subtract(velocity_ned_m_s, wind_ned_m_s))
         wind = airplane_wind.Memory(wind_ned_m_s.x, wind_ned_m_s.y, True)
-        if airspeed != airplane_wind.believed_m_s(wind, velocity_ned_m_s, airspeed):
+        if airspeed != airplane_wind.believed_m_s(wind, velocity_ned_m_s, airspeed, inf):
             return (
                 f"the airspeed is {airspeed:.1f} m/s, but {through:.1f} by velocity and wind: is the "
                 "sensor blocked? Else wait until the autopilot knows the wind"

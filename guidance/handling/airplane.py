@@ -169,7 +169,7 @@ def airplane_step(
     seen = measured.velocity_ned_m_s
     bank_now = roll_of(measured.pose.attitude)
     heading = yaw_of(measured.pose.attitude)
-    sensed = airplane_wind.believed_m_s(memory.wind, seen, measured.airspeed_m_s)
+    sensed = airplane_wind.believed_m_s(memory.wind, seen, measured.airspeed_m_s, p.wind.wind_max_m_s)
     wind = airplane_wind.wind_step(
         p.wind,
         memory.wind,

@@ -37,15 +37,23 @@ class Memory(NamedTuple):
 
 #: An airspeed that is further than this part from |v - w|, and this much (m/s), is not believed.
 DOUBTED_PART: Final = 0.3
+#: Of the strongest wind that is flown with; from here on the estimate counts as bounded.
+AT_BOUND_PART: Final = 0.98
 DOUBTED_M_S: Final = 3.0
 
 UNKNOWN: Final = Memory(0.0, 0.0, False)
 
 
-def believed_m_s(memory: Memory, velocity_ned_m_s: Vec3, airspeed_m_s: float) -> float:
+def believed_m_s(memory: Memory, velocity_ned_m_s: Vec3, airspeed_m_s: float, wind_max_m_s: float) -> float:
     """The airspeed, or 0 if there is none or it does not fit the wind that is known: its sensor is blocked,
-    or jumps. No gust is so strong, and no wind changes so quickly that the estimate does not follow."""
-    if not memory.known:
+    or jumps. No gust is so strong, and no wind changes so quickly that the estimate does not follow.
+
+    Where the estimate is at its bound it is the wind that is doubted: it may be stronger.
+    """
+    at_bound = memory.north_m_s * memory.north_m_s + memory.east_m_s * memory.east_m_s >= (
+        AT_BOUND_PART * AT_BOUND_PART * wind_max_m_s * wind_max_m_s
+    )
+    if not memory.known or at_bound:
         return airspeed_m_s
     north, east = velocity_ned_m_s.x - memory.north_m_s, velocity_ned_m_s.y - memory.east_m_s
     air = sqrt(north * north + east * east + velocity_ned_m_s.z * velocity_ned_m_s.z)

@@ -340,6 +340,7 @@ class Guide:
             self._told.event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
         self._told.cadence.told("state", now_ns)
         self._told.add(*setpoint_records(sent.estimate, sent.solution, sent.outgoing, self.setpoints_sent))
+        self._told.stuck(None if sent.solution is None else sent.solution.flown.around, now_ns)
 
     def _tell_periodic(self, now_ns: int) -> None:
         for name in self._told.cadence.due(now_ns):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from guidance.records import Event, Input, Level, Record
+from guidance.records import Event, GroundHandling, Input, Level, Record, VelocityHandling
 from guidance.reporting import Cadence
 
 
@@ -16,6 +16,7 @@ class Telling:
         self._records: list[Record] = []
         self._put_off: list[Callable[[], None]] = []
         self._silent_because = ""
+        self._stuck = False
 
     def add(self, *records: Record) -> None:
         """These come next."""
@@ -56,3 +57,11 @@ class Telling:
         if reason and not self._silent_because:
             self.event(Level.WARNING, "silent", f"no setpoint: {reason}", now_ns)
         self._silent_because = reason
+
+    def stuck(self, record: Record | None, now_ns: int) -> None:
+        """A handling's record says that the vehicle is asked to move and does not: said once each time."""
+        stuck = isinstance(record, GroundHandling | VelocityHandling) and record.stuck
+        if stuck and not self._stuck:
+            text = "asked to move and does not: wheels, motors, a ditch, or the mode?"
+            self.event(Level.WARNING, "stuck", text, now_ns)
+        self._stuck = stuck

@@ -20,7 +20,7 @@ from sitl.logbook import LogBook
 from sitl.scenarios.flight import configuration
 from sitl.scenarios.rover import ON_A_CIRCLE, WAITS, vehicle
 from sitl.scenarios.rover import task as task_of
-from sitl.vehicle import Vehicle, VehicleOptions
+from sitl.vehicle import Effect, Vehicle, VehicleOptions
 from sitl.vehicle.estimator import USUAL
 from tests.test_fitting import set_parameter
 
@@ -132,3 +132,14 @@ def test_a_flight_with_all_of_it_replays_to_the_bit(tmp_path: Path) -> None:
     assert found.difference is None
     assert found.identical
     assert found.tracked > 200
+
+
+def test_a_vehicle_that_is_stuck_is_said_once() -> None:
+    flight = tracking()
+    flight.run(2.0)
+    assert not [r for r in flight.records if isinstance(r, Event) and r.code == "stuck"]
+    flight.vehicle.refit(flight.now_ns, effect=Effect(yaw=0.0, speed=0.0))
+    flight.run(6.0)
+    (event,) = [r for r in flight.records if isinstance(r, Event) and r.code == "stuck"]
+    first = next(r for r in flight.records if isinstance(r, GroundHandling) and r.stuck)
+    assert abs(event.t_ns - first.t_ns) < SECOND

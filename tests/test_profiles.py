@@ -166,6 +166,8 @@ def test_golden_bytes_of_the_neutral_setpoint(profile: Profile, mask: int) -> No
         (UUV, "manual", 1.0, 0.0, 65536),
         (BOAT, "guided", 15.0, 0.0, 15),
         (BOAT, "hold", 4.0, 0.0, 4),
+        (PROFILES["ardupilot-plane"], "loiter", 12.0, 0.0, 12),
+        (PROFILES["ardupilot-copter"], "brake", 17.0, 0.0, 17),
         (BOAT, "manual", 0.0, 0.0, 0),
         (BOAT, "rtl", 11.0, 0.0, 11),
         (BOAT, "loiter", 5.0, 0.0, 5),
@@ -179,6 +181,22 @@ def test_golden_bytes_of_mode_commands(
     assert packed(set_mode_command(mode, 1, 1)) == command(176, 1.0, param2, param3)
     assert mode.custom_mode == custom_mode
     assert profile.mode_name(custom_mode) == name
+
+
+@pytest.mark.parametrize(
+    ("name", "holds"),
+    [
+        ("px4-copter", "hold"),
+        ("ardupilot-rover", "hold"),
+        ("ardupilot-plane", "loiter"),
+        ("ardupilot-copter", "brake"),
+    ],
+)
+def test_hold_is_the_mode_that_stays_without_a_pilot(name: str, holds: str) -> None:
+    mode = PROFILES[name].mode("hold")
+    assert mode is not None
+    assert mode.name == holds
+    assert "hold" in PROFILES[name].exits
 
 
 def test_golden_bytes_of_arming() -> None:

@@ -288,7 +288,7 @@ PROFILES: Final[dict[str, Profile]] = {
             Asked.VELOCITY_YAW_RATE,
             _VELOCITY_AND_YAW_RATE,
             COPTER_MODES,
-            "loiter",
+            "brake",  # loiter goes by the throttle stick: with none, or a low one, it sinks (recorded)
             "levels and stops, and stays in guided (GUID_TIMEOUT)",
             COPTER_GUIDED,
         ),

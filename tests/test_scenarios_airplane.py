@@ -72,9 +72,10 @@ def test_a_reference_that_waits_is_reached_earlier() -> None:
     assert fly(with_settings(away, "airplane.waits=false")).converged_s > 1.8 * fly(away).converged_s
 
 
-def test_a_wind_that_is_not_known_costs_accuracy() -> None:
+def test_in_more_wind_than_is_flown_with_it_is_not_engaged() -> None:
     windy = task_of("ardupilot-plane", "circle r 100", windy=True)
-    assert fly(with_settings(windy, "airplane.wind_max_m_s=0.01")).rms_m > 1.2 * fly(windy).rms_m
+    with pytest.raises(NotFlownError, match=r"the wind is 4\.9 m/s, airplane\.wind_max_m_s = 3"):
+        fly(with_settings(windy, "airplane.wind_max_m_s=3"))
 
 
 def test_a_flight_is_twice_the_same_and_another_with_another_seed() -> None:

@@ -72,6 +72,13 @@ def test_a_reference_that_waits_is_reached_earlier() -> None:
     assert fly(with_settings(away, "airplane.waits=false")).converged_s > 1.8 * fly(away).converged_s
 
 
+def test_a_bank_at_its_limit_counts_as_saturated() -> None:
+    """The circle takes 10.4 degrees: a limit of 12 is refused nothing, but keeps it from arriving at once."""
+    circle = replace(task_of("px4-plane", "circle r 80"), duration_s=20.0, converged_m=1000.0)
+    assert fly(with_settings(circle, "airplane.bank_max_deg=12")).saturated > 0.01
+    assert fly(replace(circle, converged_m=3.0)).saturated == 0.0
+
+
 def test_in_more_wind_than_is_flown_with_it_is_not_engaged() -> None:
     windy = task_of("ardupilot-plane", "circle r 100", windy=True)
     with pytest.raises(NotFlownError, match=r"the wind is 4\.9 m/s, airplane\.wind_max_m_s = 3"):

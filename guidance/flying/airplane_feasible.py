@@ -30,7 +30,10 @@ def abilities_of(
             Bound(fastest, "what full throttle holds"),
         ),
         bank_rad=Bound(envelope.bank_max_rad, "the highest bank").less(MARGIN),
-        load=Bound(envelope.load_max, "the highest load").less(MARGIN),
+        # level flight is no load to keep a margin of
+        load=Bound(
+            1.0 + (1.0 - MARGIN) * (envelope.load_max - 1.0), "the highest load less 10 % of what is above 1"
+        ),
         climb_m_s=Bound(envelope.climb_max_m_s, "the highest climb"),
         sink_m_s=Bound(envelope.sink_max_m_s, "the highest sink"),
         roll_rate_rad_s=Bound(p.roll_rate_rad_s, "the highest roll rate"),

@@ -184,7 +184,7 @@ def _figures(
         if leg:
             corner = max(corner, max(leg))
             back = max(back, _settled_s(leg, task.converged_m))
-    settled_ns = (begun_s + converged_s) * 1e9
+    settled_ns = (begun_s + min(converged_s, first * PERIOD_S)) * 1e9
     sent = [limited for at_ns, limited in log.banks or log.saturated if at_ns >= settled_ns]
     return Figures(
         converged_s,

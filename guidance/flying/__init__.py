@@ -43,6 +43,13 @@ class Flown(NamedTuple):
         return total - total == 0.0
 
 
+class Caution(NamedTuple):
+    """What forbids no flight and must be known before it: `about` what, and the words."""
+
+    about: str
+    text: str
+
+
 class Handler(Protocol):
     """`start` begins a flight, `configure` takes settings that are checked already; both at any time."""
 
@@ -67,6 +74,12 @@ class Handler(Protocol):
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """Why a flight must not begin now, here, with the trajectory's origin there and the ground at that
         height (None: not known). Asked over and over before a flight, never in one."""
+
+    def cautions(
+        self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
+    ) -> tuple[Caution, ...]:
+        """What must be known before a flight from now, here, that `unmet` lets begin; asked as that is. One
+        about each thing at most."""
 
     def heard(self, body: Body, now_ns: int) -> None:
         """A message that is no state, which came now: airspeed and wind are among them."""

@@ -17,9 +17,10 @@ from msgspec import Meta
 from guidance.abilities import FREE, Bound
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.flying import Flown
-from guidance.flying.airplane_feasible import cannot_fly
-from guidance.flying.airplane_fit import Fitted, fitted, thinness
+from guidance.flying import Caution, Flown
+from guidance.flying.airplane_feasible import abilities_of, cannot_fly
+from guidance.flying.airplane_fit import Fitted, assumed, fitted, thinness
+from guidance.flying.cautioning import about_parameters, about_the_way
 from guidance.handling import airplane, airplane_throttle, airplane_wind
 from guidance.handling.airplane import UNTRIMMED, Measured, Parameters, Trims, airplane_step
 from guidance.handling.airplane_rates import body_rates, turn_rate_rad_s
@@ -158,6 +159,25 @@ class Airplane:
             below_m = floor.value - origin_ned_m.z
             floor = floor._replace(value=FLOOR_STEP_M * round(below_m / FLOOR_STEP_M))
         return cannot_fly(self._config.trajectory, p, self.trims, wind or ZERO, floor)
+
+    def cautions(
+        self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
+    ) -> tuple[Caution, ...]:
+        """Of the trajectory in the wind, the wind, the ground, and what the autopilot does not tell."""
+        if self._fitted is None:
+            return ()
+        _, wind = self._air(estimate.instant_ns)
+        able = abilities_of(self._fitted.parameters, self.trims)
+        found = about_the_way(self._config.trajectory, able, wind or ZERO)
+        if wind is None:
+            text = "no wind is told: whether it can be flown was looked at in calm air"
+            found += (Caution("wind", text),)
+        if ground_down_m is None and self._config.airplane.floor_down_m is None:
+            text = (
+                "where the ground is is not known (HOME_POSITION), nor is airplane.floor_down_m set: no floor"
+            )
+            found += (Caution("ground", text),)
+        return (*found, *about_parameters(assumed(self._config, self._values)))
 
     def heard(self, body: Body, now_ns: int) -> None:
         """Airspeed and wind."""

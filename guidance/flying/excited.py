@@ -13,7 +13,7 @@ from typing import Final
 
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.flying import Flown, Handler
+from guidance.flying import Caution, Flown, Handler
 from guidance.flying.channels import asked, measured
 from guidance.handling_config import ExcitationConfig
 from guidance.law import Controls, Evaluation
@@ -76,6 +76,12 @@ class Excited:
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """As `Handler` says."""
         return self._inner.unmet(estimate, origin_ned_m, ground_down_m)
+
+    def cautions(
+        self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
+    ) -> tuple[Caution, ...]:
+        """As `Handler` says."""
+        return self._inner.cautions(estimate, origin_ned_m, ground_down_m)
 
     def heard(self, body: Body, now_ns: int) -> None:
         """As `Handler` says."""

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from math import inf, radians
 from typing import NamedTuple
 
-from guidance.abilities import Bound, GroundAbilities
 from guidance.config import Config
 from guidance.handling import rover_px4, slip, smoothing, speed_loop, stuck, waiting
 from guidance.handling.ground import Parameters
@@ -103,18 +102,4 @@ def fitted(config: Config, origin_ned_m: Vec3, allowed: Allowed) -> Parameters:
         ),
         waiting=WAITING if ground.waits else waiting.OFF,
         stuck=stuck.Parameters(asked_m_s=0.3, speed_m_s=0.15, yaw_rate_rad_s=0.05, after_s=ground.stuck_s),
-    )
-
-
-def abilities(p: Parameters, radius_m: float) -> GroundAbilities:
-    """What a trajectory may ask for, of the configuration and the autopilot together."""
-    limits = p.law.limits
-    return GroundAbilities(
-        speed_least_m_s=Bound(limits.speed_min_m_s, "speed_min"),
-        speed_m_s=Bound(limits.speed_max_m_s, "speed_max"),
-        yaw_rate_rad_s=Bound(limits.yaw_rate_rad_s, "yaw_rate_max"),
-        yaw_acceleration_rad_s2=Bound(limits.yaw_acceleration_rad_s2, "yaw_acceleration_max"),
-        lateral_m_s2=Bound(p.lateral_acceleration_m_s2, "lateral_acceleration_max"),
-        radius_least_m=Bound(radius_m, "turning radius"),
-        acceleration_m_s2=Bound(limits.acceleration_m_s2, "acceleration_max"),
     )

@@ -255,7 +255,14 @@ COPTER_GUIDED: Final = (
         older="WPNAV_ACCEL_Z",
         older_scale=_CENTI,
     ),
-    _told("ATC_ANGLE_MAX", "it leans no further", "deg", (5.0, 89.0), older="ANGLE_MAX", older_scale=_CENTI),
+    _limit(
+        "ATC_ANGLE_MAX",
+        "the velocity changes no faster than leaning so far does",
+        "deg",
+        (5.0, 89.0),
+        older="ANGLE_MAX",
+        older_scale=_CENTI,
+    ),
     _limit("PSC_JERK_D", "it changes no faster up and down", "m/s^3", (0.1, 500.0), older="PSC_JERK_Z"),
     _limit("PSC_JERK_NE", "the acceleration changes no faster", "m/s^3", (0.1, 500.0), older="PSC_JERK_XY"),
     Requirement(

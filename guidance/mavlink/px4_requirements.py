@@ -116,7 +116,7 @@ PX4_COPTER: Final = (
     _limit("MPC_ACC_UP_MAX", "the velocity changes no faster upwards", "m/s^2", (0.1, 50.0)),
     _limit("MPC_ACC_DOWN_MAX", "the velocity changes no faster downwards", "m/s^2", (0.1, 50.0)),
     _told("MPC_JERK_MAX", "the acceleration changes no faster", "m/s^3", (0.1, 500.0)),
-    _told("MPC_TILTMAX_AIR", "it leans no further", "deg", (5.0, 89.0)),
+    _limit("MPC_TILTMAX_AIR", "the velocity changes no faster than leaning so far does", "deg", (5.0, 89.0)),
     Requirement(
         "MC_YAWRATE_MAX",
         "the vehicle turns slower than it is asked to",

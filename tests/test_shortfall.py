@@ -187,7 +187,7 @@ def test_with_a_reference_that_waits_the_wind_is_a_warning_unless_it_is_too_much
     assert not fast.refuses
     assert fast.text == (
         "airspeed: 17 m/s needed at t = 20.9 s (north -80 m, east 0 m), 14 m/s available (AIRSPEED_MAX 14): "
-        "the reference runs at 0.75 of its speed there"
+        "the reference runs at 0.75 of its speed there, and off its plan for 18 s of each round"
     )
     assert slow.text.endswith(
         "at least 10 m/s available (AIRSPEED_MIN 10): the reference runs at 1.3 of its speed there"

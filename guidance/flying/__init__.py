@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 
 from msgspec.structs import astuple
 
+from guidance.abilities import Abilities
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.law import Evaluation
@@ -70,6 +71,9 @@ class Handler(Protocol):
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """What the autopilot's parameters say of the vehicle; or why it cannot be flown with them."""
+
+    def abilities(self) -> Abilities | None:
+        """What the vehicle can do as it is known, and of each what bounds it; None if it is not known."""
 
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """Why a flight must not begin now, here, with the trajectory's origin there and the ground at that

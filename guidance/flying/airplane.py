@@ -14,7 +14,7 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta
 
-from guidance.abilities import FREE, Bound
+from guidance.abilities import FREE, AirplaneAbilities, Bound
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.flying import Caution, Flown
@@ -134,6 +134,10 @@ class Airplane:
             envelope = envelope._replace(floor_down_m=self._ground_down_m)
         self._fitted = found._replace(parameters=found.parameters._replace(envelope=envelope))
 
+    def abilities(self) -> AirplaneAbilities | None:
+        """As `Handler` says; the floor is looked at before a flight."""
+        return None if self._fitted is None else abilities_of(self._fitted.parameters, self.trims)
+
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """As `Handler` says: the air's density, the airspeed, the trajectory in wind and above the floor."""
         self._ground_down_m = ground_down_m
@@ -164,10 +168,10 @@ class Airplane:
         self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
     ) -> tuple[Caution, ...]:
         """Of the trajectory in the wind, the wind, the ground, and what the autopilot does not tell."""
-        if self._fitted is None:
+        able = self.abilities()
+        if able is None:
             return ()
         _, wind = self._air(estimate.instant_ns)
-        able = abilities_of(self._fitted.parameters, self.trims)
         found = about_the_way(self._config.trajectory, able, wind or ZERO)
         if wind is None:
             text = "no wind is told: whether it can be flown was looked at in calm air"

@@ -11,6 +11,7 @@ from enum import StrEnum
 from math import hypot
 from typing import Final
 
+from guidance.abilities import Abilities
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.flying import Caution, Flown, Handler
@@ -72,6 +73,10 @@ class Excited:
     def fit(self, values: Mapping[str, float]) -> str | None:
         """As `Handler` says."""
         return self._inner.fit(values)
+
+    def abilities(self) -> Abilities | None:
+        """As `Handler` says."""
+        return self._inner.abilities()
 
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """As `Handler` says."""

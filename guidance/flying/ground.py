@@ -63,7 +63,9 @@ class Ground:
     def _why_not(self, config: Config, found: Parameters | str) -> str | None:
         if isinstance(found, str):
             return found
-        problems = unflyable(config.trajectory, self._abilities(config))
+        able = self._abilities(config)
+        assert able is not None, "what fits is known"
+        problems = unflyable(config.trajectory, able)
         return next((f"{problem.key}{problem.text}" for problem in problems), None)
 
     def _take(self, found: Parameters | str, why: str | None) -> None:
@@ -74,8 +76,12 @@ class Ground:
     def _fitted(self, config: Config, origin_ned_m: Vec3) -> Parameters | str:
         return ground_parameters(config, origin_ned_m, self._values)
 
-    def _abilities(self, config: Config) -> GroundAbilities:
+    def _abilities(self, config: Config) -> GroundAbilities | None:
         return ardupilot_abilities(config, self._values)
+
+    def abilities(self) -> GroundAbilities | None:
+        """As `Handler` says."""
+        return self._abilities(self._config)
 
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """Nothing."""
@@ -85,8 +91,10 @@ class Ground:
         self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
     ) -> tuple[Caution, ...]:
         """Of the trajectory, and of limits that nobody sets."""
-        found = about_the_way(self._config.trajectory, self._abilities(self._config))
-        return (*found, *unbounded(self._parameters))
+        able = self.abilities()
+        if able is None:
+            return ()
+        return (*about_the_way(self._config.trajectory, able), *unbounded(self._parameters))
 
     def recall(self, learned: str) -> str | None:
         """Nothing is learned."""
@@ -165,9 +173,8 @@ class Px4Rover(Ground):
             autopilot if isinstance(autopilot, str) else fitted(config, origin_ned_m, px4_allows(autopilot))
         )
 
-    def _abilities(self, config: Config) -> GroundAbilities:
-        assert self._autopilot is not None
-        return px4_abilities(config, self._autopilot)
+    def _abilities(self, config: Config) -> GroundAbilities | None:
+        return None if self._autopilot is None else px4_abilities(config, self._autopilot)
 
     def _ask(self, demand: ground.Demand, estimate: Estimate) -> Demand:
         assert self._autopilot is not None, "a rover that does not fit is not engaged"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from guidance.abilities import Abilities
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.feasibility import abilities_of, unflyable
@@ -58,6 +59,13 @@ class Rates:
         problems = unflyable(config.trajectory, ardupilot_abilities(config, self._values))
         return next((f"{problem.key}{problem.text}" for problem in problems), None)
 
+    def abilities(self) -> Abilities:
+        """As `Handler` says: by the configuration, and the speed of full thrust."""
+        c = self._config
+        if self._planar:
+            return ardupilot_abilities(c, self._values)
+        return abilities_of(c.limits, c.law, c.vehicle.speed_at_full_thrust_m_s, planar=False)
+
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """Nothing."""
         return None
@@ -66,11 +74,7 @@ class Rates:
         self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
     ) -> tuple[Caution, ...]:
         """Of the trajectory."""
-        c = self._config
-        if self._planar:
-            return about_the_way(c.trajectory, ardupilot_abilities(c, self._values))
-        full_thrust = c.vehicle.speed_at_full_thrust_m_s
-        return about_the_way(c.trajectory, abilities_of(c.limits, c.law, full_thrust, planar=False))
+        return about_the_way(self._config.trajectory, self.abilities())
 
     def recall(self, learned: str) -> str | None:
         """Nothing is learned."""

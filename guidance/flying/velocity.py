@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from guidance.abilities import VelocityAbilities
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.feasibility import unflyable
@@ -91,6 +92,11 @@ class Velocity:
         if not isinstance(found, str):
             self._parameters = found
 
+    def abilities(self) -> VelocityAbilities | None:
+        """As `Handler` says."""
+        p = self._parameters
+        return None if p is None else abilities(self._config, self._values, p)
+
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """Nothing."""
         return None
@@ -100,9 +106,9 @@ class Velocity:
     ) -> tuple[Caution, ...]:
         """Of the trajectory, the ground, and of parameters that the autopilot does not tell."""
         config = self._config
-        if self._parameters is None:
+        able = self.abilities()
+        if able is None:
             return ()
-        able = abilities(config, self._values, self._parameters)
         found = about_the_way(config.trajectory, able)
         if config.guards.fence_down_max_m is None:
             found += about_the_ground(config.trajectory, origin_ned_m, ground_down_m)

@@ -180,7 +180,7 @@ def test_noise_beyond_what_is_smoothed_is_found_whatever_the_speed(
     now_ns = 0
     for n in range(200):
         now_ns += 40_000_000 + 20_000_000 * (n % 2)
-        north = speed_m_s * now_ns * 1e-9 + (7.0 if n > 100 else 0.0)
+        north = speed_m_s * now_ns * 1e-9 + (7.0 if n > 170 else 0.0)
         at = Vec3(north + dice.gauss(0.0, sigma_m), dice.gauss(0.0, sigma_m), 0.0)
         velocity = Vec3(speed_m_s + dice.gauss(0.0, 0.05), 0.0, 0.0)
         for _ in range(2):

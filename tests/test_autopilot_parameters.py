@@ -68,10 +68,10 @@ def test_the_units_of_older_names_are_those_of_the_newer() -> None:
 def test_no_limit_is_left_out() -> None:
     table = PROFILES["px4-rover"].requirements
     said = {"RO_SPEED_LIM": -1.0, "RO_ACCEL_LIM": 0.0, "RO_YAW_RATE_LIM": 90.0}
-    assert values_of(table, said) == {"RO_YAW_RATE_LIM": 90.0}
+    assert values_of(table, said) == {"RO_SPEED_LIM": -1.0, "RO_YAW_RATE_LIM": 90.0}
     assert values_of(table, {"GND_SPEED_MAX": 3.0}) == {"RO_SPEED_LIM": 3.0}
     (speed,) = (row for row in table if row.parameter == "RO_SPEED_LIM")
-    assert judged(speed, said, CONFIG) == Judged("RO_SPEED_LIM", Grade.GOOD, "no limit")
+    assert judged(speed, said, CONFIG).grade is Grade.BAD, "`runSanityChecks`: PX4 does not drive without one"
 
 
 @pytest.mark.parametrize(

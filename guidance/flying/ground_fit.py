@@ -55,6 +55,8 @@ def px4_rover(values: Mapping[str, float]) -> rover_px4.Autopilot | str:
             "neither RA_WHEEL_BASE and RA_MAX_STR_ANG (an Ackermann rover) nor RD_WHEEL_TRACK and "
             "RD_TRANS_DRV_TRN (a differential one) are set: how does it turn?"
         )
+    if ackermann and values.get("RO_MAX_THR_SPEED", 1.0) <= 0.0:
+        return "RO_MAX_THR_SPEED must be above 0: without it PX4 does not steer an Ackermann rover"
     other = "RD_" if ackermann else "RA_"
     known = {name: v[name] for name in rover_px4.Autopilot._fields if name in v and name[:3] != other}
     return rover_px4.Autopilot(**known)

@@ -19,7 +19,7 @@ from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
 from guidance.mavlink.ardupilot_requirements import COPTER_GUIDED, PLANE_GUIDED, ROVER_GUIDED
 from guidance.mavlink.messages import Heartbeat
 from guidance.mavlink.modes import COPTER_MODES, PLANE_MODES, PX4_MODES, ROVER_MODES, Mode
-from guidance.mavlink.px4_requirements import PX4_COPTER, PX4_OFFBOARD, PX4_PLANE, PX4_ROVER
+from guidance.mavlink.px4_requirements import PX4_COPTER, PX4_PLANE, PX4_ROVER, PX4_UUV
 from guidance.mavlink.requirements import Requirement
 
 _IGNORE_ROLL_RATE: Final = 1
@@ -225,7 +225,7 @@ PROFILES: Final[dict[str, Profile]] = {
             Handling.RATES,
             Asked.RATES_SPEED,  # along +x for a submarine
             _IGNORE_ATTITUDE,  # PX4 takes the rates when roll and pitch rate are both unmasked
-            PX4_OFFBOARD,
+            PX4_UUV,
         ),
         _px4(
             "px4-plane",

@@ -2,7 +2,8 @@
 
 Sources: `commander_params.c`, `mavlink_params.c`, `fw_att_control` and `fw_lateral_longitudinal_control`
 parameters, `mc_pos_control` (`multicopter_position_control_limits_params.c`), `rover_control` (PX4 1.16; a
-rover of 1.15 and older has GND_*). Of the rovers no recording was at hand.
+rover of 1.15 and older has GND_*), `uuv_att_control_params.c`, each read in 1.14, 1.15, 1.16 and main of
+2026-03. Of the rovers no recording was at hand.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ PX4_OFFBOARD: Final = (
         low=1.0,
         high=2.0,
         unit="s",
+        serious=False,
+        plausible=(0.2, 60.0),
     ),
     Requirement(
         "COM_OBL_RC_ACT",
@@ -30,7 +33,7 @@ PX4_OFFBOARD: Final = (
         meanings={
             0: "position mode",
             1: "altitude mode",
-            2: "manual",
+            2: "stabilized",
             3: "return",
             4: "land",
             5: "hold",
@@ -64,6 +67,13 @@ def _told(name: str, what: str, unit: str, plausible: tuple[float, float]) -> Re
     return _limit(name, what, unit, plausible)._replace(used=False)
 
 
+#: Both came with PX4 1.17 (2025-07), where they are 0.1 and 0.3 if nobody sets them; before, nothing was cut.
+PX4_UUV: Final = (
+    *PX4_OFFBOARD,
+    _told("UUV_THRUST_SAT", "thrust is cut off here", "", (0.001, 1.0))._replace(low=1.0, serious=False),
+    _told("UUV_TORQUE_SAT", "torques are cut off here: it turns no harder", "", (0.001, 1.0)),
+)
+
 PX4_PLANE: Final = (
     *PX4_OFFBOARD,
     _required("FW_AIRSPD_MIN", "below it the autopilot takes the airplane to stall", "m/s", _SPEED),
@@ -71,6 +81,8 @@ PX4_PLANE: Final = (
     _required("FW_AIRSPD_MAX", "above it the autopilot takes the airplane to break", "m/s", _SPEED),
     _told("FW_AIRSPD_STALL", "it is the airspeed at which it stalls", "m/s", (0.0, 150.0)),
     _limit("FW_R_LIM", "the bank is asked for up to this angle", "deg", (5.0, 80.0)),
+    _limit("FW_R_RMAX", "the bank changes no faster", "deg/s", (1.0, 1000.0)),
+    _limit("FW_PSP_OFF", "it is the pitch of level flight", "deg", (-90.0, 90.0)),
     _limit("FW_P_LIM_MIN", "the nose is asked to go down to this angle", "deg", (-80.0, -1.0)),
     _limit("FW_P_LIM_MAX", "the nose is asked to go up to this angle", "deg", (1.0, 80.0)),
     _limit("FW_THR_MIN", "throttle is asked for from here on", "", (0.0, 0.9)),
@@ -138,9 +150,8 @@ PX4_ROVER: Final = (
         "the vehicle drives slower than it is asked to",
         low="limits.speed_max_m_s",
         unit="m/s",
-        zero_is_no_limit=True,
         serious=False,
-        plausible=_SPEED,
+        plausible=_SPEED,  # 0 or less (-1 is its default) is no limit but a rover that PX4 does not drive
         older="GND_SPEED_MAX",
         used=True,
     ),
@@ -157,9 +168,8 @@ PX4_ROVER: Final = (
         low="limits.yaw_rate_max_rad_s",
         scale=_DEG,
         unit="deg/s",
-        zero_is_no_limit=True,
         serious=False,
-        plausible=(1.0, 10000.0),
+        plausible=(1.0, 10000.0),  # 0, its default: PX4 does not steer
         used=True,
     ),
     _limit("RO_YAW_ACCEL_LIM", "its turn rate changes no faster", "deg/s^2", (1.0, 10000.0))._replace(

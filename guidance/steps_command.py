@@ -14,10 +14,10 @@ from guidance.config import Config, ConfigError, load
 from guidance.records import Record
 from guidance.steps_flight import fly
 from guidance.steps_log import NoStepsError, read_log, results_of
-from guidance.steps_plan import known, planned
+from guidance.steps_plan import planned, proposed
 from guidance.telemetry.log import NotALog
 from guidance.tune.identify import Identified
-from guidance.tune.propose import ground_lines, toml
+from guidance.tune.propose import toml
 from guidance.tune.report import as_json as json_of
 from guidance.tune.report import show
 
@@ -71,7 +71,7 @@ def told(config: Config, records: Iterable[Record], output: Path | None, *, as_j
     """Identify and propose: the report on stdout, with JSON there on stderr; 0 if nothing was refused."""
     results = results_of(config, records)
     found = [isinstance(result, Identified) for result in results.values()]
-    lines = ground_lines(results, known(config)) if any(found) else ()
+    lines = proposed(config, results) if any(found) else ()
     console = Console(stderr=as_json, soft_wrap=True, highlight=False)
     console.width = max(console.width, WIDTH)  # figures that are cut off are none
     show(results, lines, console)

@@ -16,7 +16,7 @@ from guidance import steps_command
 from guidance.cli import app
 from guidance.commands import Order, Shutdown
 from guidance.config import Config
-from guidance.flying.excited import Phase
+from guidance.flying.around import Phase
 from guidance.records import TOPICS, Answer, Event, Record, Setpoint, Status, Stepping
 from guidance.steps_flight import SOURCE, Conductor
 from guidance.steps_plan import planned

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from guidance.commands import Hold, Resume, Shutdown
 from guidance.config import Config, ConfigError, load
-from guidance.flying.excited import Phase
+from guidance.flying.around import Phase
 from guidance.records import Record, Setpoint, Stepping
 from guidance.replay import replay as replayed
 from guidance.steps_log import read_log, results_of

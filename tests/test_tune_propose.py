@@ -82,6 +82,7 @@ def test_airplane_rules() -> None:
     lines = by_key(airplane_lines({"roll_rad": bank}))
     assert lines == {
         "link.actuation_delay_s": 0.1,
+        "airplane.bank_lag_s": 0.5,
         "law.rho2_per_s": 1.2,
         "law.rho3_per_s": 1.2,
         "law.k": 0.4,
@@ -101,7 +102,7 @@ def test_copter_rules_take_the_slower_axis() -> None:
     assert lines["law.k"] == 0.62
     settings = [f"{key}={value}" for key, value in lines.items()]
     assert load(SHIPPED.with_name("px4-copter.toml"), settings).law.k == 0.62
-    assert lines["limits.acceleration_max_m_s2"] == 2.0
+    assert lines["limits.acceleration_max_m_s2"] == 2.2
     assert "law.rho3_per_s" not in lines
 
 

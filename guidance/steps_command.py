@@ -15,6 +15,8 @@ from guidance.records import Record
 from guidance.steps_flight import fly
 from guidance.steps_log import NoStepsError, read_log, results_of
 from guidance.steps_plan import planned, proposed
+from guidance.steps_runs import check_steps
+from guidance.steps_vehicle import told_by_autopilot
 from guidance.telemetry.log import NotALog
 from guidance.tune.identify import Identified
 from guidance.tune.propose import toml
@@ -38,7 +40,9 @@ def fly_and_tell(
 ) -> int:
     """Of the configuration in a file; the exit status."""
     try:
-        plan = planned(load(path, overrides), speed_m_s)
+        config = load(path, overrides)
+        check_steps(config)
+        plan = planned(config, speed_m_s, told_by_autopilot(config, wait_s))
         _say(plan.text)
         if not (yes or _consents()):
             _say("guidance tune: not flown")

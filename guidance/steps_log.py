@@ -111,6 +111,4 @@ def _answer(run: Run, flown: _Flown | None, *, offset: bool) -> Identified | Ref
     if flown.until_s < run.lasts_s - MISSING_S:
         return Refused(f"its run ended after {flown.until_s:.1f} of {run.lasts_s:.1f} s")
     # an autopilot may lead its command of the speed
-    return identified(
-        Measurement(flown.commands, flown.samples, offset, led=run.channel == SPEED)
-    )
+    return identified(Measurement(flown.commands, flown.samples, offset, led=run.channel == SPEED))

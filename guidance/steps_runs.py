@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from math import acos, exp, inf, tan
 from typing import Final
 
-from guidance.config import Config, ConfigError
+from guidance.config import Config, ConfigError, profile_of
 from guidance.flying import airplane_fit, velocity_fit
 from guidance.flying.ground_fit import Allowed, ardupilot_allows, px4_allows, px4_rover
 from guidance.handling import airplane, airplane_throttle
@@ -30,6 +30,15 @@ from guidance.tune.excitation import (
 )
 from guidance.tune.way_back import with_ways_back
 
+#: What can be stepped: how a vehicle is driven, and what it is asked for.
+STEPPED: Final = frozenset(
+    {
+        (Handling.GROUND, Asked.YAW_RATE_SPEED),
+        (Handling.GROUND, Asked.VELOCITY_YAW_RATE),
+        (Handling.AIRPLANE, Asked.ATTITUDE_THROTTLE),
+        (Handling.VELOCITY, Asked.VELOCITY_YAW_RATE),
+    }
+)
 #: Without a speed of the operator's: this part of the highest, m/s at most.
 SPEED_PART: Final = 0.5
 SPEED_M_S: Final = 2.0
@@ -67,6 +76,7 @@ def excitation_of(
     Raises:
         ConfigError: the vehicle has no steps, they do not fit its limits, or something of it is not known.
     """
+    check_steps(config)
     match profile.handling, profile.asked:
         case Handling.GROUND, Asked.YAW_RATE_SPEED:
             if config.ground.turning_radius_m is None and "TURN_RADIUS" not in values:
@@ -84,13 +94,18 @@ def excitation_of(
             return _ground(config, px4_allows(rover), speed_m_s)
         case Handling.AIRPLANE, Asked.ATTITUDE_THROTTLE:
             return _airplane(config, values, speed_m_s)
-        case Handling.VELOCITY, Asked.VELOCITY_YAW_RATE:
-            return _copter(config, values, speed_m_s)
-    raise ConfigError(
-        f"vehicle.profile = {profile.name}, which is asked for {profile.asked}: no steps are known for that; "
-        "they are of yaw rate and speed (rovers, boats), of roll, pitch and throttle (airplanes) or of "
-        "velocity and yaw rate (copters)"
-    )
+    return _copter(config, values, speed_m_s)
+
+
+def check_steps(config: Config) -> None:
+    """Raises ConfigError for a vehicle that is asked for something that has no steps."""
+    profile = profile_of(config)
+    if (profile.handling, profile.asked) not in STEPPED:
+        raise ConfigError(
+            f"vehicle.profile = {profile.name}, which is asked for {profile.asked}: there are no steps of "
+            "that, only of yaw rate and speed (rovers, boats), of roll, pitch and throttle (airplanes, "
+            "airplane.output = attitude) and of velocity and yaw rate (copters, PX4's rovers)"
+        )
 
 
 def radius_of(config: Config, profile: Profile, values: Mapping[str, float]) -> float | None:

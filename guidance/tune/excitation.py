@@ -161,7 +161,7 @@ def airplane_runs(limits: Airplane) -> tuple[Run, ...]:
     bank = min(BANK_RAD, 0.9 * limits.bank_max_rad)
     level = (ROLL, 0.0)
     return (
-        Run("bank", ROLL, (Hold(LEAD_S, 0.0), *_pairs((PART * bank, bank), 3.0, 2.0))),
+        Run("bank", ROLL, (Hold(LEAD_S, 0.0), *_pairs((PART * bank, bank), 2.0, 1.5))),
         Run(
             "pitch",
             PITCH,

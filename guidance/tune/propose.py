@@ -204,7 +204,7 @@ def _throttle(found: Identified, airspeed_m_s: float) -> Iterator[Line]:
         "airplane",
         "climb_full_m_s",
         _down(V * thrust * (1.0 - cruise) / GRAVITY_M_S2),
-        f"at {V:.3g} m/s by a thrust of {thrust:.3g} m/s^2 at full throttle, {cruise:.2g} of it for level flight",
+        f"at {V:.3g} m/s: {thrust:.3g} m/s^2 at full throttle, {cruise:.2g} of it to fly level",
     )
     yield Line(
         "airplane",

@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
+from guidance.commands import Hold, Resume
 from guidance.config import Config, ConfigError
 from guidance.flying.around import Phase
 from guidance.replay import replay as replayed
@@ -16,7 +17,7 @@ from guidance.steps_log import read_log, results_of
 from guidance.steps_plan import planned
 from guidance.supervisor import State
 from guidance.tune.answer import Form
-from guidance.tune.identify import Refused
+from guidance.tune.identify import Identified, Refused
 from sitl.logbook import LogBook
 from sitl.models.files import load_airplane
 from sitl.scenarios import airplane
@@ -86,9 +87,8 @@ def test_what_it_proposes_flies_the_circle(tuned: Flown) -> None:
     assert not result.missed, in_words(result)
 
 
+@pytest.mark.parametrize("tuned", ["px4-plane"], indirect=True)
 def test_its_log_replays_to_the_bit_and_identifies_the_same(tuned: Flown, tmp_path: Path) -> None:
-    if tuned.config.vehicle.profile != "px4-plane":
-        return  # one of the two: it is the same core
     with LogBook(tuned.config, tmp_path) as book:
         for record in tuned.flight.records:
             book.add(record)
@@ -110,6 +110,22 @@ def test_the_pilot_wins_in_a_step() -> None:
     roll = results_of(flight.guide.config, flight.records)["roll_rad"]
     assert isinstance(roll, Refused)
     assert roll.reason.startswith("its run ended after 4.")
+
+
+def test_a_flight_that_was_held_goes_back_and_does_its_run_again() -> None:
+    flight = engaged(plan_of("px4-plane", "supervisor.engage_max_error_m=50.0"))
+    flight.run(12.0)
+    flight.guide.command(Hold(), flight.now_ns)
+    fly_until(flight, State.HOLDING, 3.0)
+    flight.run(10.0)
+    flight.guide.command(Resume(), flight.now_ns)
+    fly_until(flight, State.TRACKING, 5.0)
+    flight.run(0.1)
+    again = newest(flight)
+    assert again is not None
+    assert (again.phase, again.run) == (Phase.RETURNING, "bank")
+    assert flight.run(90.0, until=lambda: (s := newest(flight)) is not None and s.run == "pitch")
+    assert isinstance(results_of(flight.guide.config, flight.records)["roll_rad"], Identified)
 
 
 def test_the_fence_ends_it() -> None:

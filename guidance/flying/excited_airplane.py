@@ -4,9 +4,8 @@ What a run does not name stays with the airplane's own handler: height and airsp
 airspeed while the nose moves, the height while the throttle steps. Pitch and throttle step about what level
 flight has just taken, not about what the plan took it for.
 
-The handler's own guards come before the steps: when the stall guard acts, the airplane is below its floor or
-beyond its greatest airspeed, or a mode was held, the run is over, the handler flies, and the run is not
-flown again.
+The handler's own guards come before the steps: when the stall guard acts, or the airplane is below its floor
+or beyond its greatest airspeed, the run is over, the handler flies, and the run is not flown again.
 """
 
 from __future__ import annotations

@@ -106,6 +106,13 @@ def test_copter_rules_take_the_slower_axis() -> None:
     assert "law.rho3_per_s" not in lines
 
 
+def test_a_velocity_that_the_autopilot_shapes_is_not_later_than_its_yaw() -> None:
+    shaped = seen(Answer(Form.ONE_LAG, 0.31, 1.0, 0.0, 2.3, 0.4), 2.0)
+    lines = by_key(copter_lines({"north_m_s": shaped, "yaw_rate_rad_s": YAW}, KNOWN))
+    assert lines["link.actuation_delay_s"] == 0.07
+    assert "link.actuation_delay_s" not in by_key(copter_lines({"north_m_s": shaped}, KNOWN))
+
+
 @pytest.mark.parametrize("lines", [ground_lines, copter_lines])
 def test_what_was_refused_gives_no_line(lines: object) -> None:
     assert callable(lines)

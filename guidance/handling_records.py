@@ -62,7 +62,8 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
 class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """One step of a tuning flight (`guidance.flying.excited`): `into_s` into `phase` of `run`.
 
-    While it is "stepping", `channel` is measured: `measured` at `measured_ns`.
+    While it is "stepping", `channel` is measured: `measured` at `measured_ns`, which changes by `push` each
+    second for other reasons than the command.
     """
 
     run: str
@@ -71,6 +72,7 @@ class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     channel: str = ""
     measured: float = 0.0
     measured_ns: int = 0
+    push: float = 0.0
 
 
 class VelocityHandling(Record, frozen=True, kw_only=True, gc=False):

@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import guidance.demo
 import sitl.bench
 from guidance import cli as guidance_cli
+from guidance import steps_command
 from guidance.commands import read_payload
 from guidance.config import load
 from guidance.demo import CONFIG_FILE, Result
@@ -31,6 +32,7 @@ from sitl.logbook import LogBook
 from sitl.scenarios.table import Result as Reached
 from sitl.scenarios.table import Row, Variation
 from tests.helpers import make_config, make_flight
+from tests.tuning_flight import told
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -139,8 +141,9 @@ def test_a_check_without_a_vehicle_says_so(command: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("command", TUNES)
-def test_tuning_says_what_it_will_do_and_asks(command: str) -> None:
+def test_tuning_says_what_it_will_do_and_asks(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is flown after a yes, and written, is in test_tune_flight and test_tune_command."""
+    monkeypatch.setattr(steps_command, "told_by_autopilot", lambda config, wait_s: told("ardupilot-rover"))
     outcome = CliRunner().invoke(guidance_cli.app, words(command), input="no\n")
     assert outcome.exit_code == 1, outcome.output
     assert "It needs 44 m ahead" in outcome.output

@@ -210,7 +210,8 @@ def checked(config: Config) -> Config:
 def profile_of(config: Config) -> Profile:
     """The row that a checked configuration names."""
     profile = PROFILES[config.vehicle.profile]
-    return profile.by_rates() if config.airplane.output == "rates" else profile
+    by_rates = "rates" in (config.airplane.output, config.copter.output)
+    return profile.by_rates() if by_rates else profile
 
 
 def to_json(config: Config) -> str:

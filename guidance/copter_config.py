@@ -14,7 +14,7 @@ from guidance.tuning import Acceleration, Section, Speed
 
 
 class CopterConfig(Section, frozen=True, kw_only=True):
-    """Multirotors (`guidance.handling.velocity`)."""
+    """Multirotors (`guidance.handling.velocity`, and with output = "rates" `guidance.handling.copter_rates`)."""
 
     up_max_m_s: Speed | None = None
     down_max_m_s: Speed | None = None
@@ -27,3 +27,7 @@ class CopterConfig(Section, frozen=True, kw_only=True):
     smoothing_s: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.3
     waits: bool = False
     stuck_s: Annotated[float, Meta(ge=0.0, le=60.0)] = 3.0
+    output: Literal["velocity", "rates"] = "velocity"
+    attitude_gain_per_s: Annotated[float, Meta(ge=0.1, le=20.0)] = 5.0
+    tilt_max_deg: Annotated[float, Meta(ge=5.0, le=60.0)] | None = None
+    hover_file: str = ""

@@ -71,7 +71,8 @@ def said(error: Exception) -> str:
 
 
 class LearnedFile:
-    """What flights have taught of a vehicle, from one process to the next (`airplane.trims_file`, `copter.hover_file`)."""
+    """What flights have taught of a vehicle, from one process to the next (`airplane.trims_file`,
+    `copter.hover_file`)."""
 
     def __init__(self, path: Path) -> None:
         self._file = KeptFile(path)

@@ -171,8 +171,8 @@ class CopterRates(Velocity):
 
 
 def led(estimate: Estimate, acceleration_ned_m_s2: Vec3) -> Measured:
-    """The vehicle at the estimate's instant, level: from the newest position on at its velocity, which changes
-    by so much, and with the nose where the rates under way bring it."""
+    """The vehicle at the estimate's instant, level: from the newest position on at its velocity, which
+    changes by so much, and with the nose where the rates under way bring it."""
     age_s = max(estimate.position_age_s, 0.0)
     a, v, x = acceleration_ned_m_s2, estimate.position.velocity_ned_m_s, estimate.seen.position
     later = Vec3(v.x + age_s * a.x, v.y + age_s * a.y, v.z + age_s * a.z)

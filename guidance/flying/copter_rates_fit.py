@@ -82,7 +82,7 @@ def rates_fitted(
     least = max(values.get("MPC_THR_MIN", LEAST_THRUST), 0.0)
     most = min(values.get("MPC_THR_MAX", 1.0), 1.0)
     if hover is not None and not by_climb and not least < hover < most:
-        return f"the hover thrust, {hover:.3g}, must be between the least and the most, {least:.3g} and {most:.3g}"
+        return f"the hover thrust, {hover:.3g}, must be between least and most, {least:.3g} and {most:.3g}"
     names = ("ATC_RATE_R_MAX", "ATC_RATE_P_MAX") if ardupilot else ("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX")
     roll, pitch = (radians(values.get(name, inf)) for name in names)
     return copter_rates.Parameters(

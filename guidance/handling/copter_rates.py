@@ -10,7 +10,7 @@ of the hover thrust that differs from what the autopilot tells, and a factor, fo
 The axis of thrust is turned to g - a by the shortest way, in proportion, and the whole body about down at
 the yaw rate, which turns the axis with the nose:
 
-    w = gain log(q_e) + R^T (0, 0, yaw rate)       q_e: the shortest turn of the body's z to where it should be
+    w = gain log(q_e) + R^T (0, 0, yaw rate)        q_e: the shortest turn of the body's z to there
 
 Height goes before the way: the tilt is cut and not the climb. What is at an end does not learn.
 """
@@ -25,8 +25,8 @@ from guidance.limits import clamp
 from guidance.se3 import Quaternion, Vec3, rotate_inverse
 
 #: Of the loop on velocity; the vertical one has rotors alone to wait for, and these may take 0.2 s.
-P_PER_S: Final = 1.8
-I_PER_S2: Final = 0.4
+P_PER_S: Final = 2.5
+I_PER_S2: Final = 0.8
 P_UP_PER_S: Final = 2.5
 I_UP_PER_S2: Final = 0.8
 #: Of an acceleration up or down no more than this part of gravity is asked for.

@@ -41,7 +41,7 @@ class CopterConfig(Section, frozen=True, kw_only=True):
 
 
 def rate_conflicts(config: CopterConfig, limits: LimitsConfig, rate_hz: float) -> Iterator[Problem]:
-    """What `output = "rates"` cannot be flown with: no rate to lean by, or setpoints too slow for the gain."""
+    """What `output = "rates"` cannot be flown with: no rate to lean by, or setpoints slow for the gain."""
     for key in ("roll_rate_max_rad_s", "pitch_rate_max_rad_s"):
         if (value := getattr(limits, key)) < LEAST_TILT_RATE_RAD_S:
             must = f'must be at least {LEAST_TILT_RATE_RAD_S:g} with copter.output = "rates"'

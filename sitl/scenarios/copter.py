@@ -29,7 +29,7 @@ ON_A_LEG: Final = ("trajectory.name=line", _HIGH, f"trajectory.stop_at_s={LEG_S}
 WIND: Final = Variation(name="5 m/s wind", vehicle={"wind_ned_m_s": (3.0, -4.0, 0.0)})
 VARIATIONS: Final = (AS_IT_IS, WIND)
 #: Told body rates and thrust: what a row is called, the autopilot's own parameters, and then a hover thrust
-#: that is told wrong by a fifth. To ArduPilot thrust is thrust, or without bit 3 of GUID_OPTIONS a climb rate.
+#: that is told wrong by a fifth. To ArduPilot thrust is thrust, without bit 3 of GUID_OPTIONS a climb rate.
 BY_RATES: Final[tuple[tuple[str, str, Mapping[str, float], Mapping[str, float] | None], ...]] = (
     ("px4-copter", "by rates and thrust", {}, {"MPC_THR_HOVER": 0.4}),
     ("ardupilot-copter", "by rates and thrust", {"GUID_OPTIONS": 8}, {"MOT_THST_HOVER": 0.29}),

@@ -52,7 +52,7 @@ P = Parameters(
     climb_up_m_s=2.5,
     climb_down_m_s=1.5,
 )
-LEVEL = Memory(ZERO, 1.0)
+LEVEL = Memory(ZERO, 1.0, ZERO)
 DT = 0.02
 
 
@@ -86,7 +86,7 @@ def test_it_leans_where_it_is_to_go_and_as_far_as_that_takes(heading: float, bea
 def test_the_yaw_rate_is_about_down_however_it_leans() -> None:
     attitude = from_euler(0.2, -0.3, 1.0)
     held = standing(P, 1.0, attitude, ZERO).held_ned_m_s2
-    rates = rates_step(P, Memory(held, 1.0), attitude, ZERO, ZERO, 0.4, 0.0)[1].body_rates_frd_rad_s
+    rates = rates_step(P, Memory(held, 1.0, ZERO), attitude, ZERO, ZERO, 0.4, 0.0)[1].body_rates_frd_rad_s
     turned = normalized(multiply(attitude, exp(Twist(rates, ZERO), 0.5).attitude))
     assert leaning(turned) == pytest.approx(leaning(attitude), abs=1e-6)
     assert norm(rates) == pytest.approx(0.4)

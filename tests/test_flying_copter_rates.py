@@ -14,14 +14,14 @@ from guidance.config import Config, ConfigError, load, profile_of
 from guidance.estimate import Estimate
 from guidance.estimate.samples import AttitudeSample, PositionSample
 from guidance.flying.choice import handler_of
-from guidance.flying.copter_rates import CopterRates, led
+from guidance.flying.copter_rates import CopterRates, Given, led
 from guidance.kept_file import open_learned
 from guidance.mavlink.codec import Payload
 from guidance.mavlink.profiles import PROFILES, Asked
 from guidance.mavlink.setpoints import Demand, outgoing, setpoint_message
 from guidance.records import Record, Setpoint, VelocityHandling
 from guidance.replay import replay
-from guidance.se3 import ZERO, Pose, Quaternion, Reference, Twist, Vec3, from_euler, norm
+from guidance.se3 import ZERO, Pose, Quaternion, Reference, Twist, Vec3, from_euler, norm, rotate
 from guidance.supervisor import State
 from sitl.lockstep import SECOND, Lockstep
 from sitl.logbook import LogBook
@@ -175,10 +175,20 @@ def test_a_step_leans_to_the_reference_and_says_why() -> None:
     assert flown.around.hover_part == 1.0
 
 
-def test_the_velocity_goes_on_at_the_acceleration_that_is_asked_for() -> None:
-    found = led(seen(ZERO, Vec3(2.0, 0.0, 0.0), from_euler(0.3, 0.1, 1.0), age_s=0.1), Vec3(0.0, 1.0, -0.5))
+def test_the_velocity_goes_on_at_the_accelerations_under_way() -> None:
+    estimate = seen(ZERO, Vec3(2.0, 0.0, 0.0), from_euler(0.3, 0.1, 1.0), age_s=0.1)
+    began = Given(estimate.instant_ns - 500_000_000, Vec3(0.0, 1.0, -0.5))
+    found = led(estimate, (began,))
     assert found.pose.position == pytest.approx((0.2, 0.005, -0.0025))
-    assert norm(found.twist.linear) == pytest.approx((2.0**2 + 0.1**2 + 0.05**2) ** 0.5)
+    assert rotate(found.pose.attitude, found.twist.linear) == pytest.approx((2.0, 0.1, -0.05))
+    # one that acts later holds from then on, one after the instant not at all
+    later = (
+        Given(estimate.instant_ns - 50_000_000, ZERO),
+        Given(estimate.instant_ns + 1, Vec3(9.0, 0.0, 0.0)),
+    )
+    found = led(estimate, (began, *later))
+    assert rotate(found.pose.attitude, found.twist.linear) == pytest.approx((2.0, 0.05, -0.025))
+    assert led(estimate, ()).pose.position == pytest.approx((0.2, 0.0, 0.0))
 
 
 def test_the_hover_thrust_outlives_the_flight_and_the_process(tmp_path: Path) -> None:

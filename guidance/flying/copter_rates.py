@@ -1,15 +1,15 @@
 """Copters that are told body rates and thrust: `flying.velocity`, and `handling.copter_rates` after it.
 
-The pose goes on at the velocity that was measured, and that at the acceleration that is asked for: it is
-known here, and the nose need not point where the vehicle goes. The attitude is the autopilot's own, turned on
-by the rates that are under way to it.
+The pose goes on at the velocity that was measured, and that at the accelerations that were asked for
+meanwhile: so the delay is out of the loop on velocity, as the rates that were sent take it out of that on the
+tilt (`prediction`). The attitude is the autopilot's own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import hypot
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import msgspec
 from msgspec import Meta
@@ -31,6 +31,7 @@ from guidance.handling.copter_rates import (
 )
 from guidance.handling.velocity import Around, Measured, velocity_step
 from guidance.mavlink.setpoints import Demand
+from guidance.prediction import REMEMBERED
 from guidance.records import VelocityHandling
 from guidance.se3 import (
     ZERO,
@@ -38,9 +39,11 @@ from guidance.se3 import (
     Reference,
     Twist,
     Vec3,
+    add,
     from_yaw,
     rotate,
     rotate_inverse,
+    scale,
     yaw_of,
 )
 
@@ -58,6 +61,13 @@ class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hover_part: Annotated[float, Meta(ge=HOVER_LEAST, le=HOVER_MOST)]
 
 
+class Given(NamedTuple):
+    """What the velocity changes by (NED), from this instant on."""
+
+    instant_ns: int
+    acceleration_ned_m_s2: Vec3
+
+
 class CopterRates(Velocity):
     """Before `fit` it cannot fly."""
 
@@ -66,7 +76,7 @@ class CopterRates(Velocity):
         self._hover_part = 1.0
         self._inner: Memory | None = None
         self._inner_ns = 0
-        self._acceleration = ZERO
+        self._history: tuple[Given, ...] = ()
         super().__init__(config)
 
     @property
@@ -104,17 +114,16 @@ class CopterRates(Velocity):
     def start(self) -> None:
         """As `Handler` says; what it leans by is found anew."""
         super().start()
-        self._acceleration = ZERO
+        self._history = ()
 
     def step(self, estimate: Estimate, reference: Reference, dt_s: float) -> Flown:
         """The first step is taken to be as long as the others."""
         assert self._parameters is not None, "a copter that does not fit is not engaged"
         assert self._by_rates is not None, "a copter that does not fit is not engaged"
         waited_s, dt_s = self.waited_s, dt_s or self._period_s
-        seen = led(estimate, self._acceleration)
+        seen = led(estimate, self._history)
         velocity = rotate(seen.pose.attitude, seen.twist.linear)
         self._memory, wanted, found = velocity_step(self._parameters, self._memory, seen, reference, dt_s)
-        self._acceleration = found.acceleration_ned_m_s2
         attitude = estimate.attitude_at(estimate.instant_ns)
         inner, demand, ends = rates_step(
             self._by_rates,
@@ -126,6 +135,7 @@ class CopterRates(Velocity):
             dt_s,
         )
         self._inner, self._inner_ns, self._hover_part = inner, estimate.instant_ns, inner.hover_part
+        self._history = (*self._history[1 - REMEMBERED :], self._given(inner, found, velocity))
         asked = _demand(demand)
         evaluation = found.law._replace(saturated=found.law.saturated or ends.tilt or ends.thrust)
         record = self._recorded(estimate, found, waited_s, ends)
@@ -144,7 +154,7 @@ class CopterRates(Velocity):
         part = min(max(since_s, 0.0), GAP_S) / STANDS_S
         held = before.held_ned_m_s2
         held = Vec3(held.x + part * (now.x - held.x), held.y + part * (now.y - held.y), 0.0)
-        self._inner, self._inner_ns = Memory(held, self._hover_part), estimate.instant_ns
+        self._inner, self._inner_ns = before._replace(held_ned_m_s2=held), estimate.instant_ns
         speed, brake = hypot(velocity.x, velocity.y), limits.acceleration_m_s2 / p.p_per_s
         slower = max(1.0 - brake / speed, 0.0) if speed > 0.0 else 0.0
         asked = Vec3(slower * velocity.x, slower * velocity.y, 0.0)
@@ -158,6 +168,24 @@ class CopterRates(Velocity):
         attitude = estimate.attitude_at(estimate.instant_ns)
         return standing(self._by_rates, self._hover_part, attitude, velocity)
 
+    def _given(self, inner: Memory, found: Around, velocity: Vec3) -> Given:
+        """What the velocity changes by from now on: of what is given, wind and air take theirs. Wind is what
+        is held, but for the air's part that `response` leaves to be held after a while."""
+        assert self._by_rates is not None
+        p, stood = self._by_rates, self._memory.response.stood_m_s
+        given, held, c = inner.given_ned_m_s2, inner.held_ned_m_s2, found.drag_per_s
+        rises = given.z + p.p_up_per_s * stood.z - c * velocity.z
+        if p.climbs:
+            rises = found.acceleration_ned_m_s2.z
+        return Given(
+            self._inner_ns,
+            Vec3(
+                given.x - held.x + p.p_per_s * stood.x - c * velocity.x,
+                given.y - held.y + p.p_per_s * stood.y - c * velocity.y,
+                rises,
+            ),
+        )
+
     def _recorded(self, estimate: Estimate, found: Around, waited_s: float, ends: Ends) -> VelocityHandling:
         assert self._inner is not None
         record = self._record(estimate, found, waited_s)
@@ -170,19 +198,25 @@ class CopterRates(Velocity):
         )
 
 
-def led(estimate: Estimate, acceleration_ned_m_s2: Vec3) -> Measured:
+def led(estimate: Estimate, history: tuple[Given, ...]) -> Measured:
     """The vehicle at the estimate's instant, level: from the newest position on at its velocity, which
-    changes by so much, and with the nose where the rates under way bring it."""
-    age_s = max(estimate.position_age_s, 0.0)
-    a, v, x = acceleration_ned_m_s2, estimate.position.velocity_ned_m_s, estimate.seen.position
-    later = Vec3(v.x + age_s * a.x, v.y + age_s * a.y, v.z + age_s * a.z)
-    half_s = 0.5 * age_s
-    at = Vec3(x.x + half_s * (v.x + later.x), x.y + half_s * (v.y + later.y), x.z + half_s * (v.z + later.z))
+    changes as it was asked to, and with the nose where the rates under way bring it."""
+    position, at = estimate.position, estimate.seen.position
+    velocity, now_ns, by = position.velocity_ned_m_s, position.instant_ns, ZERO
+    for instant_ns, acceleration in (*history, Given(estimate.instant_ns, ZERO)):
+        if instant_ns > now_ns:
+            at, velocity = _moved(at, velocity, by, (min(instant_ns, estimate.instant_ns) - now_ns) * 1e-9)
+            now_ns = instant_ns
+        by = acceleration
     heading = from_yaw(yaw_of(estimate.pose.attitude))
     turning = rotate(estimate.attitude.attitude, estimate.attitude.body_rates_frd_rad_s).z
-    return Measured(
-        Pose(at, heading), Twist(Vec3(0.0, 0.0, turning), rotate_inverse(heading, later)), turning
-    )
+    twist = Twist(Vec3(0.0, 0.0, turning), rotate_inverse(heading, velocity))
+    return Measured(Pose(at, heading), twist, turning)
+
+
+def _moved(at: Vec3, velocity: Vec3, acceleration: Vec3, dt_s: float) -> tuple[Vec3, Vec3]:
+    later = add(velocity, scale(dt_s, acceleration))
+    return add(at, scale(0.5 * dt_s, add(velocity, later))), later
 
 
 def _demand(demand: copter_rates.Demand) -> Demand:

@@ -17,7 +17,7 @@ Height goes before the way: the tilt is cut and not the climb. What is at an end
 
 from __future__ import annotations
 
-from math import atan2, hypot, pi, sqrt, tan
+from math import atan2, exp, hypot, pi, sqrt, tan
 from typing import Final, NamedTuple
 
 from guidance.handling.airplane_bank import GRAVITY_M_S2
@@ -66,10 +66,14 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Held against wind (m/s^2, NED, level), and hover thrust over the one that is told."""
+    """Held against wind (m/s^2, NED, level), and hover thrust over the one that is told.
+
+    `given_ned_m_s2` is what of `a` is given by now, held and all: the tilt follows with its gain.
+    """
 
     held_ned_m_s2: Vec3
     hover_part: float
+    given_ned_m_s2: Vec3
 
 
 class Demand(NamedTuple):
@@ -99,7 +103,9 @@ def standing(parameters: Parameters, hover_part: float, attitude: Quaternion, ve
     lean = GRAVITY_M_S2 / upright
     north = -lean * 2.0 * (x * z + w * y) - p.drag_per_s * velocity.x
     east = -lean * 2.0 * (y * z - w * x) - p.drag_per_s * velocity.y
-    return Memory(_bounded(p, north, east), hover_part)
+    held = _bounded(p, north, east)
+    given = Vec3(held.x + p.drag_per_s * velocity.x, held.y + p.drag_per_s * velocity.y, 0.0)
+    return Memory(held, hover_part, given)
 
 
 def rates_step(
@@ -154,7 +160,12 @@ def rates_step(
         clamp(gain * error.y + yaw_rate * down.y, -limits.y, limits.y),
         clamp(yaw_rate * down.z, -limits.z, limits.z),
     )
-    return Memory(held, part), Demand(rates, thrust), Ends(leans, at_end)
+    given, keep = memory.given_ned_m_s2, exp(-p.attitude_per_s * dt)
+    rises = GRAVITY_M_S2 * (1.0 - carried)
+    given = Vec3(
+        north + keep * (given.x - north), east + keep * (given.y - east), rises + keep * (given.z - rises)
+    )
+    return Memory(held, part, given), Demand(rates, thrust), Ends(leans, at_end)
 
 
 def _tilt_error(axis: Vec3) -> Vec3:

@@ -29,7 +29,7 @@ from sitl.models import copter as model
 from sitl.models.files import load_copter
 from sitl.models.gusts import Wind
 from sitl.scenarios import copter
-from sitl.scenarios.flight import Task, configuration
+from sitl.scenarios.flight import Task, configuration, fly
 from sitl.scenarios.table import Row
 from sitl.vehicle import Vehicle, VehicleOptions
 
@@ -326,3 +326,9 @@ def test_a_later_flight_starts_with_the_hover_thrust_of_the_one_before() -> None
     # what was off at first is not, the next time
     drops = [around.hover_part for around in records if isinstance(around, VelocityHandling)]
     assert drops[0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_slow_link_makes_no_limit_cycle() -> None:
+    name = "leg at 3 m/s, stop and hold, by rates and thrust"
+    row = next(r for r in copter.rows() if (r.task.profile, r.name) == ("ardupilot-copter", name))
+    assert fly(replace(row.task, link_delay_s=0.08)).rms_m < 0.15

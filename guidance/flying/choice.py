@@ -5,6 +5,7 @@ from __future__ import annotations
 from guidance.config import Config
 from guidance.flying import Handler
 from guidance.flying.airplane import Airplane
+from guidance.flying.copter_rates import CopterRates
 from guidance.flying.excited import Excited
 from guidance.flying.excited_airplane import ExcitedAirplane
 from guidance.flying.ground import Ground, Px4Rover
@@ -33,5 +34,7 @@ def _own(config: Config, profile: Profile) -> Handler:
             return Rates(config, planar=profile.planar)
         case Handling.AIRPLANE:
             return Airplane(config)
+        case Handling.VELOCITY if profile.asked is Asked.RATES_THROTTLE:
+            return CopterRates(config)
         case Handling.VELOCITY:
             return Velocity(config)

@@ -1,4 +1,4 @@
-"""Every command line in the README is known here and works; the two that install stand in CI as well."""
+"""Every command line in the README and in docs/ is known here and works; the two that install stand in CI as well."""
 
 from __future__ import annotations
 
@@ -35,10 +35,12 @@ from tests.helpers import make_config, make_flight
 from tests.tuning_flight import told
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+RESULTS = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
 COMMANDS = [
     line.strip()
-    for block in re.findall(r"^ *```sh\n(.*?)^ *```", README, re.DOTALL | re.MULTILINE)
+    for block in re.findall(r"^ *```sh\n(.*?)^ *```", TEXT, re.DOTALL | re.MULTILINE)
     for line in block.splitlines()
     if line.strip()
 ]
@@ -203,7 +205,7 @@ def test_scenarios_are_flown_and_all_rows_are_in_the_table(
     for row, variation in asked:
         if variation.name in ("as it is", "5 m/s wind", "5 m/s wind and gusts"):
             name = row.name if variation.name == "as it is" else f"{row.name}; {variation.name}"
-            assert f"| {row.task.profile} | {name} | " in README
+            assert f"| {row.task.profile} | {name} | " in RESULTS
 
 
 @pytest.mark.parametrize("command", FUZZ)
@@ -270,7 +272,7 @@ def kill(*processes: subprocess.Popen[str]) -> None:
 
 def test_vehicle_and_service_started_by_hand_fly(tmp_path: Path) -> None:
     """The two terminals of the README, on a port that is free here."""
-    vehicle, service = (c for c in BY_HAND[:2])
+    vehicle, service = (c for c in BY_HAND if "px4-uuv --to" in c or "engage=auto" in c)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -292,9 +292,8 @@ SPOKEN: dict[str, Order] = {
 @pytest.mark.parametrize("name", SPOKEN)
 def test_the_page_says_in_which_states_each_is_accepted(name: str) -> None:
     """And whether it is so already there."""
-    (line,) = [
-        line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| {name} | `")
-    ]
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    (line,) = [line for line in lines if line.startswith(f"| {name} | `")]
     fresh: set[str] = set()
     already: set[str] = set()
     for state in State:

@@ -1,4 +1,4 @@
-"""Every command line in the README and in docs/ is known here and works; the two that install stand in CI as well."""
+"""Every command line in the README and in docs is known here and works; two stand in CI as well."""
 
 from __future__ import annotations
 

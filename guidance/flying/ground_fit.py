@@ -29,11 +29,11 @@ class Allowed(NamedTuple):
 
 
 def ardupilot_allows(values: Mapping[str, float]) -> Allowed:
-    """By ArduPilot's parameters, in its units; 0 is no limit there."""
+    """By ArduPilot's parameters, in its units; 0 is no limit there, of braking the same as of speeding up."""
     v = values
     return Allowed(
         speed_m_s=v.get("WP_SPEED") or inf,
-        acceleration_m_s2=v.get("ATC_ACCEL_MAX") or inf,
+        acceleration_m_s2=min(v.get(name) or inf for name in ("ATC_ACCEL_MAX", "ATC_DECEL_MAX")),
         yaw_rate_rad_s=radians(v.get("ATC_STR_RAT_MAX") or inf),
         yaw_acceleration_rad_s2=radians(v.get("ATC_STR_ACC_MAX") or inf),
         lateral_m_s2=LATERAL_PART * GRAVITY_M_S2 * (v.get("ATC_TURN_MAX_G") or inf),

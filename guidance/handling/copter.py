@@ -93,8 +93,8 @@ class ArduPilot(NamedTuple):
     WP_SPD_DN: float = 1.5
     WP_ACC: float = 2.5
     WP_ACC_Z: float = 1.0
-    PSC_JERK_NE: float = 5.0
-    PSC_JERK_D: float = 5.0
+    PSC_NE_JERK: float = 5.0
+    PSC_D_JERK: float = 5.0
     ATC_ANGLE_MAX: float = 30.0
 
 
@@ -133,8 +133,8 @@ def ardupilot(autopilot: ArduPilot, configured: Configured = UNBOUNDED) -> veloc
         configured,
         Configured(a.WP_SPD, a.WP_SPD_UP, a.WP_SPD_DN, acceleration, a.WP_ACC_Z, inf),
         response.Parameters(
-            response.Axis(a.WP_ACC / a.PSC_JERK_NE, 0.0, 0.0),
-            response.Axis(a.WP_ACC_Z / a.PSC_JERK_D, 0.0, 0.0),
+            response.Axis(a.WP_ACC / a.PSC_NE_JERK, 0.0, 0.0),
+            response.Axis(a.WP_ACC_Z / a.PSC_D_JERK, 0.0, 0.0),
             per_s=0.0,
             drag_max_per_s=0.0,
             kp=0.6,

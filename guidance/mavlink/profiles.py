@@ -143,6 +143,8 @@ _COPTERS: Final = frozenset(
         dialect.MAV_TYPE_HEXAROTOR,
         dialect.MAV_TYPE_OCTOROTOR,
         dialect.MAV_TYPE_TRICOPTER,
+        dialect.MAV_TYPE_DODECAROTOR,
+        dialect.MAV_TYPE_DECAROTOR,
     }
 )
 

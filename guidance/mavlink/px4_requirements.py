@@ -52,7 +52,7 @@ PX4_OFFBOARD: Final = (
 
 
 def _limit(
-    name: str, what: str, unit: str, plausible: tuple[float, float], *, older: str = ""
+    name: str, what: str, unit: str, plausible: tuple[float, float], *, older: tuple[str, ...] = ()
 ) -> Requirement:
     """One that the handling keeps to."""
     return Requirement(name, what, unit=unit, plausible=plausible, older=older, used=True)
@@ -169,7 +169,7 @@ PX4_ROVER: Final = (
         unit="m/s",
         serious=False,
         plausible=_SPEED,  # 0 or less (-1 is its default) is no limit but a rover that PX4 does not drive
-        older="GND_SPEED_MAX",
+        older=("GND_SPEED_MAX",),
         used=True,
     ),
     Requirement("RO_MAX_THR_SPEED", "", unit="m/s"),

@@ -183,6 +183,9 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
             "set ATC_ACCEL_MAX to at least 2, or limits.acceleration_max_m_s2 = 1: ",
         ),
         (RATED, {"FS_ACTION": 0}, Verdict.WARN, "0: nothing", "no failsafe of the autopilot's own"),
+        (RATED, {"FS_ACTION": 6}, Verdict.OK, "6: loiter or hold", ""),
+        (RATED, {"FS_EKF_ACTION": 0}, Verdict.WARN, "0: nothing", "it drives on when its estimator fails"),
+        (RATED, {"FS_EKF_ACTION": 1}, Verdict.OK, "1: hold", ""),
         (RATED, {"FS_GCS_ENABLE": 1}, Verdict.OK, "1: a lost ground station is a failsafe", ""),
         (
             RATED,

@@ -138,8 +138,16 @@ ROVER_GUIDED: Final = (
             2: "hold",
             3: "smart return or return",
             4: "smart return or hold",
+            5: "disarm",
+            6: "loiter or hold",
         },
         doubtful=frozenset({0}),
+    ),
+    Requirement(
+        "FS_EKF_ACTION",
+        "it drives on when its estimator fails, and tells positions that are made up; is it meant?",
+        meanings={0: "nothing", 1: "hold", 2: "only told"},
+        doubtful=frozenset({0, 2}),
     ),
     Requirement(
         "FS_GCS_ENABLE",
@@ -329,6 +337,12 @@ COPTER_GUIDED: Final = (
             6: "auto's landing or return",
             7: "brake or land",
         },
+    ),
+    Requirement(
+        "FS_EKF_ACTION",
+        "it flies on when its estimator fails, and tells positions that are made up; is it meant?",
+        meanings={0: "only told", 1: "land", 2: "altitude hold", 3: "land, whatever the mode"},
+        doubtful=frozenset({0}),
     ),
     _MAV_OPTIONS,
 )

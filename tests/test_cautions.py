@@ -65,7 +65,7 @@ def test_parameters_that_were_not_told_are_named_with_what_is_taken_for_them() -
         "parameters": "not told by the autopilot, and taken to be: MPC_ACC_HOR 3, MPC_TILTMAX_AIR 45"
     }
     ardupilot = said(known("ardupilot-copter", ARDUPILOT, 2.0))["parameters"]
-    assert ardupilot.endswith("PSC_JERK_NE 5, PSC_JERK_D 5, ATC_ANGLE_MAX 30")
+    assert ardupilot.endswith("PSC_NE_JERK 5, PSC_D_JERK 5, ATC_ANGLE_MAX 30")
 
 
 def test_a_speed_that_is_all_of_the_autopilots_leaves_no_room() -> None:

@@ -70,7 +70,7 @@ def _flown(only: Sequence[str], seed: int, list_only: bool) -> tuple[list[dict[s
     titles = f"{len(chosen)} flights of {len({fault.title for fault in chosen})} faults"
     if list_only:
         return (
-            [{"title": fault.title, "firmware": fault.firmware} for fault in chosen],
+            [{"title": fault.title, "firmware": fault.vehicle_name} for fault in chosen],
             listed(chosen),
             titles,
         )

@@ -145,3 +145,36 @@ def with_another(options: VehicleOptions, now_ns: int) -> Stage:
         return [data, *other.advance(now_ns)]
 
     return mix
+
+
+def told(name: str, **values: float) -> Stage:
+    """In every message of this name these fields have these values."""
+
+    def put(message: Any) -> None:
+        for field, value in values.items():
+            setattr(message, field, value)
+
+    return Tampering(frozenset({name}), put)
+
+
+def parameters(value: float | None) -> Stage:
+    """Every parameter that is no integer has this value; None: no answer comes."""
+
+    def put(message: Any) -> object:
+        if value is None:
+            return False
+        if message.param_type == mavlink.MAV_PARAM_TYPE_REAL32:
+            message.param_value = value
+        return None
+
+    return Tampering(frozenset({"PARAM_VALUE"}), put)
+
+
+def origin_moved(north_deg: float) -> Stage:
+    """The autopilot's local frame begins so much farther north from now on, and its positions say so."""
+
+    def move(message: Any) -> None:
+        if message.get_type() == "GPS_GLOBAL_ORIGIN":
+            message.latitude += round(1e7 * north_deg)
+
+    return Tampering(frozenset({"GPS_GLOBAL_ORIGIN"}), move)

@@ -45,7 +45,7 @@ OWN_LIMITS: Final = (*_BANK, *_PITCH_LOW, *_PITCH_HIGH, *_UP, *_DOWN, "WP_SPEED"
 
 
 def ranges(config: Config, profile: Profile, told: Mapping[str, float]) -> tuple[Range, ...]:
-    """Of the numbers of `numbers`, as the wire's 32 bits round them; `told` are parameters of `OWN_LIMITS`."""
+    """Of the numbers of `numbers`, as the wire rounds them; `told` are parameters of `OWN_LIMITS`."""
 
     def of(names: tuple[str, ...], otherwise: float) -> float:
         return next((told[name] for name in names if name in told), otherwise)

@@ -56,8 +56,9 @@ class Expected(NamedTuple):
 class Fault:
     """One row of the table. `title`, `firmware` and `ships` together are its name.
 
-    `ships`: the shipped configuration flies the body of its own kind (`crafts`), engaged by command, instead of
-    the demo's an ideal vehicle."""
+    `ships`: the shipped configuration flies the body of its own kind (`crafts`), engaged by command,
+    instead of the demo's an ideal vehicle.
+    """
 
     title: str
     firmware: Firmware

@@ -32,6 +32,8 @@ from sitl.faults.tampering import (
 from sitl.lockstep import Channel
 from sitl.vehicle import Firmware
 
+PLANES: Final = tuple(firmware for firmware in Firmware if firmware.endswith("-plane"))
+AIR: Final = ("VFR_HUD", "WIND", "WIND_COV")
 _TRACKING: Final = frozenset({State.TRACKING})
 #: Where nobody guides.
 _OUT: Final = frozenset(
@@ -64,8 +66,6 @@ _TOLD: Final = SILENCE | {
 }  # fmt: skip
 #: From the fault to its end, where nothing says how long.
 _A_WHILE_S: Final = 2.0
-PLANES: Final = tuple(firmware for firmware in Firmware if firmware.endswith("-plane"))
-AIR: Final = ("VFR_HUD", "WIND", "WIND_COV")
 
 
 def _expected(firmware: Firmware, states: frozenset[State], **more: Any) -> Expected:
@@ -136,6 +136,7 @@ def _estimate(firmware: Firmware) -> list[Fault]:
             "the position stands still for 1 s, its time goes on",
             _either(firmware),
             *_for(1.0, _staged(frozen(POSITION, stamped=True)), _staged(None)),
+            seconds=45.0,  # what jumped back is worked off slowly, as any jump
         ),
         _fault(
             firmware,
@@ -191,9 +192,12 @@ def _estimate(firmware: Firmware) -> list[Fault]:
 def _link(firmware: Firmware) -> list[Fault]:
     late, lossy = Channel(delay_s=0.3), Channel(loss=0.3)
     return [
-        _fault(firmware, "everything is 300 ms late, each way", _either(firmware), Step(0.0, line(late, late))),
         _fault(
-            firmware, "everything is 300 ms late, to the autopilot", _either(firmware),
+            firmware, "everything is 300 ms late, each way", _either(firmware), Step(0.0, line(late, late))
+        ),
+        _fault(
+            firmware, "everything is 300 ms late, to the autopilot",
+            _either(firmware)._replace(again_m=2.0 * CRAFTS[firmware].good_m),  # the clock sees half of it
             Step(0.0, line(to_vehicle=late)),
         ),
         _fault(
@@ -215,11 +219,12 @@ def _parameters(firmware: Firmware) -> list[Fault]:
         _fault(
             firmware,
             f"the autopilot's parameters {what}",
-            _out(firmware),
+            # nothing that a submarine needs, and a limit that nobody tells is none
+            _either(firmware) if firmware is Firmware.PX4_UUV and value is None else _out(firmware),
             Step(0.0, _staged(parameters(value))),
             Step(6.0, Flight.engage),
             begin=State.DISCONNECTED,
-            seconds=12.0,
+            seconds=25.0,
         )
         for what, value in (
             ("are not told", None),
@@ -279,10 +284,11 @@ def _autopilot(firmware: Firmware) -> list[Fault]:
         _fault(
             firmware,
             "the autopilot reboots in flight, and tells no parameters any more",
-            _out(firmware, 0.5),
+            _expected(firmware, _TRACKING | _OUT, out_within_s=0.5),
             Step(0.0, _staged(parameters(None))),
             Step(0.0, Flight.reboot),
             Step(8.0, Flight.engage),
+            seconds=30.0,
         ),
         _fault(
             firmware,
@@ -360,22 +366,28 @@ def _air(firmware: Firmware) -> list[Fault]:
 
     windy: dict[str, Any] = {"wind_ned_m_s": (-4.0, 3.0, 0.0), "gusts_m_s": 0.8}
     rows = []
-    for what, names in (
-        ("airspeed", AIR[:1]), ("wind", AIR[1:]), ("airspeed and wind", AIR)
-    ):  # fmt: skip
+    for what, names, part in (("airspeed", AIR[:1], 1.0), ("wind", AIR[1:], 1.0), ("air", AIR, 0.5)):
         rows.append(
             _fault(
-                firmware, f"no {what} is told any more, in wind", _on(firmware), Step(0.0, without(*names)),
-                vehicle=windy, seconds=40.0,
+                firmware,
+                f"no {what} is told any more, in wind",
+                _on(firmware),
+                Step(0.0, without(*names)),
+                vehicle=windy,
+                seconds=40.0,
             )
-        )  # fmt: skip
+        )
         rows.append(
             _fault(
-                firmware, f"no {what} is told any more, and the wind turns by 8 m/s", _either(firmware),
-                Step(0.0, without(*names)), *_front(5.0, (-2.4, 1.8), (4.0, -3.0)),
-                vehicle={"wind_ned_m_s": (-2.4, 1.8, 0.0)}, seconds=60.0,
+                firmware,
+                f"no {what} is told any more, and the wind turns by {8.0 * part:g} m/s",
+                _either(firmware),
+                Step(0.0, without(*names)),
+                *_front(5.0, (-2.4 * part, 1.8 * part), (4.0 * part, -3.0 * part)),
+                vehicle={"wind_ned_m_s": (-2.4 * part, 1.8 * part, 0.0)},
+                seconds=60.0,
             )
-        )  # fmt: skip
+        )
     for what, value in (
         ("no number", math.nan), ("0", 0.0), ("1e6 m/s", 1e6), ("7 m/s", 7.0), ("30 m/s", 30.0)
     ):  # fmt: skip

@@ -168,13 +168,3 @@ def parameters(value: float | None) -> Stage:
         return None
 
     return Tampering(frozenset({"PARAM_VALUE"}), put)
-
-
-def origin_moved(north_deg: float) -> Stage:
-    """The autopilot's local frame begins so much farther north from now on, and its positions say so."""
-
-    def move(message: Any) -> None:
-        if message.get_type() == "GPS_GLOBAL_ORIGIN":
-            message.latitude += round(1e7 * north_deg)
-
-    return Tampering(frozenset({"GPS_GLOBAL_ORIGIN"}), move)

@@ -50,7 +50,8 @@ class Witness:
 
     `slack_s` is how much older than configured a state may be: what the link's delay hides from any clock.
     `copies` says that the line itself may bring a datagram twice, `deceived` that another speaks as the
-    autopilot, so that nobody can tell from a message what the vehicle does. `told` are the vehicle's parameters.
+    autopilot, so that nobody can tell from a message what the vehicle does. `told` are the autopilot's own
+    limits (`asked.OWN_LIMITS`).
     """
 
     def __init__(

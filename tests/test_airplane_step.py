@@ -162,6 +162,20 @@ def test_whatever_is_measured_what_is_asked_is_finite_and_within_limits(
             assert found.climb_m_s <= 0.0
 
 
+def test_a_wrong_wind_alone_is_no_reason_to_dive() -> None:
+    """Without an airspeed: by the wind it would be 2 m/s slow, but nothing has measured that."""
+    guide = AIRPLANES[12].guide
+    reference = circle(0.0, 100.0, 12.0, True, -60.0)
+    pose = Pose(reference.position, from_euler(0.0, 0.0, 0.5 * pi))
+    memory = airplane.unstarted(airplane.UNTRIMMED)
+    for _ in range(200):
+        measured = Measured(pose, Vec3(0.0, 12.0, 0.0), 0.0, True, Vec3(0.0, 10.0, 0.0), 0.0)
+        memory, demand, found = airplane_step(guide, memory, measured, reference, DT_S)
+    assert found.airspeed_m_s == guide.envelope.airspeed_min_m_s
+    assert demand.pitch_rad > 0.0
+    assert demand.throttle == guide.throttle.highest
+
+
 def test_on_the_path_it_asks_for_the_turn_of_the_path() -> None:
     plane = AIRPLANES[20]
     guide, speed, radius = plane.guide, 20.0, 100.0

@@ -190,7 +190,9 @@ def airplane_step(
     air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
     carried = sqrt(air * air + v.z * v.z)
     # the wing feels the gusts that a sensor sees; the path over ground does not
-    airspeed = max(sensed, MOVING_M_S) if sensed > 0.0 else carried
+    # one that is only inferred never counts as too slow: a wrong wind must not dive anybody into the ground
+    inferred = max(carried, p.envelope.airspeed_min_m_s)
+    airspeed = max(sensed, MOVING_M_S) if sensed > 0.0 else inferred
     course = atan2(ground_s, ground_c)
 
     # as steep as the wing is loaded now

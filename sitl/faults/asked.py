@@ -22,6 +22,8 @@ _POSITION_TARGET: Final = Struct("<I11f")
 _FLOAT: Final = Struct("<f")
 #: Of an angle that was a quaternion of 32 bits on its way.
 _ROUNDED_RAD: Final = 1e-6
+#: What stands is asked for less: of the speed (RO_SPEED_TH, 0.1 m/s) from which a PX4 rover moves its wheels.
+_STANDS_M_S: Final = 0.05
 #: Of an airplane's pitch, whatever its autopilot would do.
 _NOSE_DOWN_DEG: Final = -30.0
 _NOSE_UP_DEG: Final = 25.0
@@ -103,9 +105,12 @@ def numbers(profile: Profile, message_id: int, payload: bytes) -> tuple[int, tup
 
 
 def stays(profile: Profile, asked: tuple[float, ...]) -> bool:
-    """Whether it asks the vehicle to stay as it is: an airplane to fly straight on."""
+    """Whether it asks the vehicle to stay as it is: an airplane to fly straight on. A PX4 rover's velocity
+    has a length even then, as its direction is the heading."""
     if profile.asked is Asked.ATTITUDE_THROTTLE:
         return abs(asked[0]) <= _ROUNDED_RAD
+    if profile.asked is Asked.VELOCITY_YAW_RATE and profile.planar:
+        return asked[0] <= _STANDS_M_S and not any(asked[1:])
     return not any(asked)
 
 

@@ -63,6 +63,7 @@ _TOLD: Final = SILENCE | {
     "parameter_changed",
     "parameters_unfit",
     "order_expired",
+    "caution",
 }  # fmt: skip
 #: From the fault to its end, where nothing says how long.
 _A_WHILE_S: Final = 2.0
@@ -365,13 +366,19 @@ def _air(firmware: Firmware) -> list[Fault]:
         return lambda flight: flight.line.vehicle.withhold(*names)
 
     windy: dict[str, Any] = {"wind_ned_m_s": (-4.0, 3.0, 0.0), "gusts_m_s": 0.8}
+    blind = _out(firmware, 16.0, told=frozenset({"guard_air"}))
     rows = []
-    for what, names, part in (("airspeed", AIR[:1], 1.0), ("wind", AIR[1:], 1.0), ("air", AIR, 0.5)):
+    for what, names, still, turns in (
+        ("airspeed", AIR[:1], _on(firmware), _either(firmware)),
+        ("wind", AIR[1:], _on(firmware), _either(firmware)),
+        # by the last wind alone while that may be late, 10 s, and 5 s more
+        ("air", AIR, blind, blind),
+    ):
         rows.append(
             _fault(
                 firmware,
                 f"no {what} is told any more, in wind",
-                _on(firmware),
+                still,
                 Step(0.0, without(*names)),
                 vehicle=windy,
                 seconds=40.0,
@@ -380,11 +387,11 @@ def _air(firmware: Firmware) -> list[Fault]:
         rows.append(
             _fault(
                 firmware,
-                f"no {what} is told any more, and the wind turns by {8.0 * part:g} m/s",
-                _either(firmware),
+                f"no {what} is told any more, and the wind turns by 8 m/s",
+                turns,
                 Step(0.0, without(*names)),
-                *_front(5.0, (-2.4 * part, 1.8 * part), (4.0 * part, -3.0 * part)),
-                vehicle={"wind_ned_m_s": (-2.4 * part, 1.8 * part, 0.0)},
+                *_front(5.0, (-2.4, 1.8), (4.0, -3.0)),
+                vehicle={"wind_ned_m_s": (-2.4, 1.8, 0.0)},
                 seconds=60.0,
             )
         )

@@ -252,6 +252,23 @@ def test_nothing_is_learned_of_a_bank_that_is_saturated() -> None:
     assert airplane.trims_of(memory).effectiveness == 1.0
 
 
+def test_no_bank_is_asked_for_that_is_farther_than_it_rolls_meanwhile() -> None:
+    """From the bank it has when it begins: it was 45 degrees with the first setpoint."""
+    guide = AIRPLANES[20].guide
+    step_rad = guide.roll_rate_rad_s * DT_S
+    measured = Measured(
+        Pose(Vec3(0.0, 0.0, -60.0), from_euler(-0.1, 0.0, 0.0)), Vec3(20.0, 0.0, 0.0), 20.0, True, ZERO, 0.0
+    )
+    reference = Reference(Vec3(0.0, 300.0, -60.0), Vec3(-20.0, 0.0, 0.0), ZERO)
+    memory, before = airplane.unstarted(airplane.UNTRIMMED), -0.1
+    for _ in range(round(1.2 / step_rad)):
+        memory, demand, found = airplane_step(guide, memory, measured, reference, DT_S)
+        assert 0.0 <= demand.roll_rad - before <= step_rad * (1.0 + 1e-9)
+        assert found.load * cos(demand.roll_rad) == pytest.approx(1.0, abs=0.25)
+        before = demand.roll_rad
+    assert before == pytest.approx(guide.envelope.bank_max_rad, abs=0.05)
+
+
 def test_to_the_left_is_the_mirror_of_to_the_right() -> None:
     guide = AIRPLANES[20].guide
     asked = []

@@ -114,7 +114,8 @@ def test_golden_bytes_of_rates_and_throttle() -> None:
     out = outgoing(profile, Demand(Vec3(0.5, -0.25, 0.125), throttle=1.5), 1.0)
     sent = packed(setpoint_message(profile, out, 1, 1, 1000))
     assert sent == attitude_target(1000, 0x80, (0.5, -0.25, 0.125), 1.0)
-    assert [row.name for row in PROFILES.values() if row.takes_rates] == ["px4-plane"]
+    takers = [row.name for row in PROFILES.values() if row.takes_rates]
+    assert takers == ["px4-plane", "px4-copter", "ardupilot-copter"]
 
 
 @pytest.mark.parametrize(

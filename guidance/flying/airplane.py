@@ -204,6 +204,15 @@ class Airplane:
         airspeed_m_s = self._airspeed_m_s if (instant_ns - self._airspeed_ns) * 1e-9 < AIRSPEED_S else 0.0
         return airspeed_m_s, self._wind_ned_m_s if (instant_ns - self._wind_ns) * 1e-9 < WIND_S else None
 
+    def wind_ned_m_s(self, instant_ns: int) -> Vec3 | None:
+        """As the autopilot tells it, None if it does not."""
+        return self._air(instant_ns)[1]
+
+    @property
+    def floor_down_m(self) -> float:
+        """The least height that is flown, NED; inf if none is known."""
+        return inf if self._fitted is None else self._fitted.parameters.envelope.floor_down_m
+
     def start(self) -> None:
         """As `Handler` says; what was learned is kept."""
         self._memory = airplane.unstarted(self.trims)

@@ -19,6 +19,7 @@ from guidance.mavlink.messages import Body
 from guidance.mavlink.setpoints import Demand
 from guidance.records import GroundHandling
 from guidance.se3 import ZERO, Pose, Reference, Twist, Vec3, add, from_yaw, rotate_inverse, yaw_of
+from guidance.tune.excitation import SPEED, YAW_RATE
 
 _NEUTRAL: Final = Demand()
 
@@ -181,6 +182,11 @@ class Px4Rover(Ground):
         ahead_s = 0.5 * self._period_s - self._config.link.actuation_delay_s
         heading = yaw_of(estimate.attitude_at(estimate.instant_ns + round(1e9 * ahead_s)))
         return Demand(velocity_ned_m_s=rover_px4.velocity_of(self._autopilot, demand, heading))
+
+    def driven(self, demand: Demand, values: Mapping[str, float], estimate: Estimate) -> Demand:
+        """Yaw rate and speed of a step as PX4 takes them; the yaw rate is for the record alone."""
+        wanted = ground.Demand(values[YAW_RATE], values[SPEED])
+        return self._ask(wanted, estimate)._replace(yaw_rate_rad_s=wanted.yaw_rate_rad_s)
 
     def neutral(self, estimate: Estimate) -> Demand:
         """Stand, the nose where it is."""

@@ -43,8 +43,6 @@ _NEUTRAL: Final = Demand()
 class Velocity:
     """Before `fit` it cannot fly: it stands."""
 
-    learned = ""
-
     def __init__(self, config: Config) -> None:
         self._values: Mapping[str, float] = {}
         self._memory = UNSTARTED
@@ -58,6 +56,11 @@ class Velocity:
     def waited_s(self) -> float:
         """As `Handler` says."""
         return self._memory.waiting.waited_s
+
+    @property
+    def learned(self) -> str:
+        """As `Handler` says: nothing that another flight could use."""
+        return ""
 
     def recall(self, learned: str) -> str | None:
         """Nothing is learned that another flight could use."""

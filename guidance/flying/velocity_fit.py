@@ -10,7 +10,7 @@ Of two limits the tighter holds. What [law] and [limits] say of a copter:
 | `limits.speed_max_m_s` | of the level speed, whichever way the nose points; `speed_min_m_s` has no part |
 | `limits.acceleration_max_m_s2` | of the level velocity |
 | `limits.yaw_rate_max_rad_s`, `yaw_acceleration_max_rad_s2` | of the nose |
-| the other limits on rates | have no part: the autopilot tilts the vehicle by itself |
+| the other limits on rates | of rates that are sent (`copter.output`); else the autopilot tilts by itself |
 
 Of the autopilot: speeds and accelerations, the gains of its loop on velocity (PX4), how fast it leads a
 velocity (ArduPilot: acceleration over jerk), the highest tilt, which bounds the level acceleration, and the
@@ -23,6 +23,7 @@ from collections.abc import Mapping
 from math import inf, radians
 
 from guidance.config import Config
+from guidance.flying.copter_rates_fit import by_rates
 from guidance.handling import copter, stuck, velocity
 from guidance.handling.copter import ArduPilot, Configured, Px4
 from guidance.law import Gains
@@ -49,6 +50,8 @@ def fitted(config: Config, origin_ned_m: Vec3, values: Mapping[str, float]) -> v
         )
     else:
         return f"neither {_PX4} nor {_ARDUPILOT} is told by the autopilot: how fast may it fly?"
+    if config.copter.output == "rates":
+        p = by_rates(config, p, values)
     return _tuned(config, origin_ned_m, p)
 
 

@@ -306,3 +306,27 @@ COPTER_GUIDED: Final = (
     ),
     _MAV_OPTIONS,
 )
+
+COPTER_GUIDED_RATES: Final = (
+    *(
+        row._replace(used=True) if row.parameter == "ATC_ANGLE_MAX" else row
+        for row in COPTER_GUIDED
+        if row.parameter != "GUID_OPTIONS"
+    ),
+    _limit(
+        "GUID_OPTIONS",
+        "its bit 3 says whether the thrust of a setpoint is thrust (set) or a climb rate (clear)",
+        "",
+        (0.0, 65535.0),
+        required=True,
+    ),
+    _limit("MOT_THST_HOVER", "thrust begins here, before it is learned", "", (0.05, 0.95)),
+    Requirement(
+        "ATC_ANGLE_BOOST",
+        "",
+        meanings={0: "thrust is as it is told", 1: "it gives more thrust by itself where it leans"},
+        used=True,
+    ),
+    _limit("ATC_RATE_R_MAX", "it rolls no faster", "deg/s", (1.0, 2000.0))._replace(zero_is_no_limit=True),
+    _limit("ATC_RATE_P_MAX", "it pitches no faster", "deg/s", (1.0, 2000.0))._replace(zero_is_no_limit=True),
+)

@@ -143,6 +143,23 @@ PX4_COPTER: Final = (
     _limit("MPC_YAWRAUTO_MAX", "its heading turns no faster by itself", "deg/s", (1.0, 2000.0)),
 )
 
+PX4_COPTER_RATES: Final = (
+    *(row._replace(used=True) if row.parameter == "MPC_TILTMAX_AIR" else row for row in PX4_COPTER),
+    _required("MPC_THR_HOVER", "thrust begins here, before it is learned", "", (0.05, 0.95)),
+    _limit("MPC_THR_MIN", "thrust is asked for from here on", "", (0.0, 0.9)),
+    _limit("MPC_THR_MAX", "thrust is asked for up to here", "", (0.1, 1.0)),
+    Requirement(
+        "MPC_USE_HTE",
+        "",
+        meanings={
+            0: "it hovers with MPC_THR_HOVER",
+            1: "it finds its hover thrust by itself and does not tell; here it is learned anew",
+        },
+    ),
+    _limit("MC_ROLLRATE_MAX", "it rolls no faster", "deg/s", (1.0, 2000.0)),
+    _limit("MC_PITCHRATE_MAX", "it pitches no faster", "deg/s", (1.0, 2000.0)),
+)
+
 PX4_ROVER: Final = (
     *PX4_OFFBOARD,
     Requirement(

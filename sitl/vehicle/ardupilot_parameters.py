@@ -82,6 +82,7 @@ COPTER: Final = {
     **{f"MAV1_{name}": Parameter(0, INT16) for name in STREAM_PARAMETERS.values()},
     "ANGLE_MAX": Parameter(3000, INT16),
     "ATC_ACCEL_Y_MAX": Parameter(27000.0),
+    "ATC_ANGLE_BOOST": Parameter(1, INT8),
     "ATC_ANG_PIT_P": Parameter(4.5),
     "ATC_ANG_RLL_P": Parameter(4.5),
     "ATC_ANG_YAW_P": Parameter(4.5),

@@ -10,8 +10,9 @@ import pytest
 import guidance.mavlink.setpoints
 from guidance.handling import airplane_envelope
 from guidance.supervisor import State
+from sitl.faults.air_faults import PLANES
 from sitl.faults.fault import Fault
-from sitl.faults.profile_faults import PLANES, PROFILE_FAULTS
+from sitl.faults.profile_faults import PROFILE_FAULTS
 from sitl.faults.run import fly
 from sitl.vehicle import Firmware
 

@@ -7,99 +7,40 @@ with a reason in words; an airplane never gets slower than it may, or below its 
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from guidance.supervisor import State
+from sitl.faults.air_faults import PLANES, of_the_air
+from sitl.faults.as_shipped import (
+    A_WHILE_S,
+    OUT,
+    TRACKING,
+    either,
+    expected,
+    fault_of,
+    given_up,
+    lasting,
+    staged,
+    tracks_on,
+)
 from sitl.faults.crafts import CRAFTS
-from sitl.faults.fault import Action, Expected, Fault, Never, Step
+from sitl.faults.fault import Action, Fault, Step
 from sitl.faults.flight import DEAD, Flight
 from sitl.faults.link_faults import line
-from sitl.faults.outcomes import SILENCE
 from sitl.faults.tampering import (
     ATTITUDE,
     POSITION,
     STATE,
-    Stage,
     frozen,
     later,
     moved,
     not_a_number,
     parameters,
-    told,
 )
 from sitl.lockstep import Channel
 from sitl.vehicle import Firmware
-
-PLANES: Final = tuple(firmware for firmware in Firmware if firmware.endswith("-plane"))
-AIR: Final = ("VFR_HUD", "WIND", "WIND_COV")
-_TRACKING: Final = frozenset({State.TRACKING})
-#: Where nobody guides.
-_OUT: Final = frozenset(
-    {
-        State.HANDED_OVER,
-        State.ABORTED,
-        State.READY,
-        State.WITHHELD,
-        State.CONNECTED,
-        State.DISCONNECTED,
-        State.FINISHED,
-        State.HOLDING,
-    }
-)
-_TOLD: Final = SILENCE | {
-    "estimator_reset",
-    "reboot",
-    "origin_moved",
-    "guard_error",
-    "guard_jump",
-    "guard_state",
-    "guard_rate",
-    "guard_delay",
-    "guard_tilt",
-    "guard_speed",
-    "guard_effect",
-    "parameter_changed",
-    "parameters_unfit",
-    "order_expired",
-    "caution",
-}  # fmt: skip
-#: From the fault to its end, where nothing says how long.
-_A_WHILE_S: Final = 2.0
-
-
-def _expected(firmware: Firmware, states: frozenset[State], **more: Any) -> Expected:
-    return Expected(states, may=_TOLD | more.pop("may", frozenset()), again_m=CRAFTS[firmware].good_m, **more)
-
-
-def _on(firmware: Firmware, **more: Any) -> Expected:
-    """It tracks on, and well."""
-    return _expected(firmware, _TRACKING, never=frozenset({Never.LEAVES}), **more)
-
-
-def _out(firmware: Firmware, within_s: float = math.inf, **more: Any) -> Expected:
-    """It is the autopilot's or the pilot's, so soon, and stays so."""
-    return _expected(firmware, _OUT, out_within_s=within_s, never=frozenset({Never.TRACKS}), **more)
-
-
-def _either(firmware: Firmware, **more: Any) -> Expected:
-    return _expected(firmware, _TRACKING | _OUT, **more)
-
-
-def _staged(stage: Stage | None) -> Action:
-    return lambda flight: flight.stage(stage)
-
-
-def _for(seconds: float, begin: Action, end: Action) -> tuple[Step, ...]:
-    return (Step(0.0, begin), Step(seconds, end))
-
-
-def _fault(firmware: Firmware, title: str, expected: Expected, *steps: Step, **more: Any) -> Fault:
-    seconds = more.pop("seconds", CRAFTS[firmware].back_s)
-    return Fault(
-        title=title, firmware=firmware, steps=steps, expected=expected, seconds=seconds, ships=True, **more
-    )
 
 
 def _estimate(firmware: Firmware) -> list[Fault]:
@@ -120,71 +61,71 @@ def _estimate(firmware: Firmware) -> list[Fault]:
         flight.line.inject(message.pack(out))
 
     return [
-        _fault(
+        fault_of(
             firmware,
             "the attitude stands still, with its time",
-            _out(firmware, 2.5),
-            Step(0.0, _staged(frozen(ATTITUDE, stamped=False))),
+            given_up(firmware, 2.5),
+            Step(0.0, staged(frozen(ATTITUDE, stamped=False))),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the attitude stands still for 2 s, its time goes on",
-            _either(firmware),
-            *_for(_A_WHILE_S, _staged(frozen(ATTITUDE, stamped=True)), _staged(None)),
+            either(firmware),
+            *lasting(A_WHILE_S, staged(frozen(ATTITUDE, stamped=True)), staged(None)),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the position stands still for 1 s, its time goes on",
-            _either(firmware),
-            *_for(1.0, _staged(frozen(POSITION, stamped=True)), _staged(None)),
+            either(firmware),
+            *lasting(1.0, staged(frozen(POSITION, stamped=True)), staged(None)),
             seconds=45.0,  # what jumped back is worked off slowly, as any jump
         ),
-        _fault(
+        fault_of(
             firmware,
             "no number of the state is one",
-            _out(firmware, 2.5),
-            Step(0.0, _staged(not_a_number(STATE))),
+            given_up(firmware, 2.5),
+            Step(0.0, staged(not_a_number(STATE))),
         ),
-        _fault(
+        fault_of(
             firmware,
             "no number of the state is one for 0.2 s",
-            _on(firmware),
-            *_for(0.2, _staged(not_a_number(STATE)), _staged(None)),
+            tracks_on(firmware),
+            *lasting(0.2, staged(not_a_number(STATE)), staged(None)),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the position jumps by 5 m for 2 s",
-            _on(firmware, told=frozenset({"estimator_reset"})),
-            *_for(_A_WHILE_S, jump(5.0), jump(0.0)),
+            tracks_on(firmware, told=frozenset({"estimator_reset"})),
+            *lasting(A_WHILE_S, jump(5.0), jump(0.0)),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the position jumps by 5 m for 2 s and no reset is counted",
-            _on(firmware, told=frozenset({"estimator_reset"})),
-            *_for(_A_WHILE_S, _staged(moved(5.0, 0.0)), _staged(None)),
+            tracks_on(firmware, told=frozenset({"estimator_reset"})),
+            *lasting(A_WHILE_S, staged(moved(5.0, 0.0)), staged(None)),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the heading jumps by 30 degrees for 2 s",
-            _either(firmware),
-            *_for(_A_WHILE_S, jump(0.0, math.radians(30.0)), jump(0.0)),
+            either(firmware),
+            *lasting(A_WHILE_S, jump(0.0, math.radians(30.0)), jump(0.0)),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the autopilot's clock jumps by +10 s",
-            _either(firmware),
-            Step(0.0, _staged(later(10.0))),
+            either(firmware),
+            Step(0.0, staged(later(10.0))),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the autopilot's clock jumps by +0.04 s",
-            _on(firmware),
-            Step(0.0, _staged(later(0.04))),
+            tracks_on(firmware),
+            Step(0.0, staged(later(0.04))),
         ),
-        _fault(
+        fault_of(
             firmware,
             "the autopilot's local origin moves by 11 m",
-            _out(firmware, 2.5, told=frozenset({"origin_moved"})),
+            given_up(firmware, 2.5, told=frozenset({"origin_moved"})),
             Step(0.0, origin),
         ),
     ]
@@ -193,23 +134,29 @@ def _estimate(firmware: Firmware) -> list[Fault]:
 def _link(firmware: Firmware) -> list[Fault]:
     late, lossy = Channel(delay_s=0.3), Channel(loss=0.3)
     return [
-        _fault(
-            firmware, "everything is 300 ms late, each way", _either(firmware), Step(0.0, line(late, late))
+        fault_of(
+            firmware, "everything is 300 ms late, each way", either(firmware), Step(0.0, line(late, late))
         ),
-        _fault(
+        fault_of(
             firmware, "everything is 300 ms late, to the autopilot",
-            _either(firmware)._replace(again_m=2.0 * CRAFTS[firmware].good_m),  # the clock sees half of it
+            either(firmware)._replace(again_m=2.0 * CRAFTS[firmware].good_m),  # the clock sees half of it
             Step(0.0, line(to_vehicle=late)),
         ),
-        _fault(
-            firmware, "30 % of all datagrams are lost, each way", _on(firmware), Step(0.0, line(lossy, lossy))
+        fault_of(
+            firmware,
+            "30 % of all datagrams are lost, each way",
+            tracks_on(firmware),
+            Step(0.0, line(lossy, lossy)),
         ),
-        _fault(
-            firmware, "a gap of 0.4 s both ways", _on(firmware),
-            *_for(0.4, line(DEAD, DEAD), line()),
+        fault_of(
+            firmware, "a gap of 0.4 s both ways", tracks_on(firmware),
+            *lasting(0.4, line(DEAD, DEAD), line()),
         ),
-        _fault(
-            firmware, "a gap of 2 s both ways", _out(firmware, 1.05), *_for(2.0, line(DEAD, DEAD), line())
+        fault_of(
+            firmware,
+            "a gap of 2 s both ways",
+            given_up(firmware, 1.05),
+            *lasting(2.0, line(DEAD, DEAD), line()),
         ),
     ]  # fmt: skip
 
@@ -217,12 +164,12 @@ def _link(firmware: Firmware) -> list[Fault]:
 def _parameters(firmware: Firmware) -> list[Fault]:
     """Of what the autopilot says of itself, before a flight and in it."""
     rows = [
-        _fault(
+        fault_of(
             firmware,
             f"the autopilot's parameters {what}",
             # nothing that a submarine needs, and a limit that nobody tells is none
-            _either(firmware) if firmware is Firmware.PX4_UUV and value is None else _out(firmware),
-            Step(0.0, _staged(parameters(value))),
+            either(firmware) if firmware is Firmware.PX4_UUV and value is None else given_up(firmware),
+            Step(0.0, staged(parameters(value))),
             Step(6.0, Flight.engage),
             begin=State.DISCONNECTED,
             seconds=25.0,
@@ -235,22 +182,22 @@ def _parameters(firmware: Firmware) -> list[Fault]:
         )
     ]
     rows.append(
-        _fault(
+        fault_of(
             firmware,
             "the autopilot's parameters come 5 s late",
-            _expected(firmware, _TRACKING),
-            Step(0.0, _staged(parameters(None))),
-            Step(5.0, _staged(None)),
+            expected(firmware, TRACKING),
+            Step(0.0, staged(parameters(None))),
+            Step(5.0, staged(None)),
             Step(15.0, Flight.engage),
             begin=State.DISCONNECTED,
             seconds=40.0,
         )
     )
     rows += [
-        _fault(
+        fault_of(
             firmware,
             f"every parameter becomes {value:g} in flight",
-            _on(firmware, may=frozenset({"parameters"})),
+            tracks_on(firmware, may=frozenset({"parameters"})),
             Step(0.0, _set_all(value)),
         )
         for value in (0.0, 1e6)
@@ -281,37 +228,39 @@ def _autopilot(firmware: Firmware) -> list[Fault]:
         flight.line.vehicle.refuse()
 
     return [
-        _fault(firmware, "the autopilot reboots in flight", _out(firmware, 0.5), Step(0.0, Flight.reboot)),
-        _fault(
+        fault_of(
+            firmware, "the autopilot reboots in flight", given_up(firmware, 0.5), Step(0.0, Flight.reboot)
+        ),
+        fault_of(
             firmware,
             "the autopilot reboots in flight, and tells no parameters any more",
-            _expected(firmware, _TRACKING | _OUT, out_within_s=0.5),
-            Step(0.0, _staged(parameters(None))),
+            expected(firmware, TRACKING | OUT, out_within_s=0.5),
+            Step(0.0, staged(parameters(None))),
             Step(0.0, Flight.reboot),
             Step(8.0, Flight.engage),
             seconds=30.0,
         ),
-        _fault(
+        fault_of(
             firmware,
             "the control mode is denied",
-            _out(firmware),
+            given_up(firmware),
             Step(0.0, refuse),
             Step(0.0, Flight.engage),
             begin=State.READY,
         ),
-        _fault(
+        fault_of(
             firmware,
             "the control mode is denied for 1.5 s",
-            _expected(firmware, _TRACKING),
+            expected(firmware, TRACKING),
             Step(0.0, refuse),
             Step(0.0, Flight.engage),
             Step(1.5, obey),
             begin=State.READY,
         ),
-        _fault(
+        fault_of(
             firmware,
             "the exit mode is denied when the operator aborts",
-            _out(firmware),
+            given_up(firmware),
             Step(0.0, refuse),
             Step(0.0, Flight.abort),
         ),
@@ -339,106 +288,24 @@ def _pilot(firmware: Firmware) -> list[Fault]:
         flight.switch(_PILOTS[firmware])
 
     return [
-        _fault(
+        fault_of(
             firmware,
             f"the pilot takes over while {state}",
-            _out(firmware),
+            given_up(firmware),
             Step(0.0, switch),
             begin=state,
             seconds=6.0,
         )
         for state in _BEGUN
     ] + [
-        _fault(
+        fault_of(
             firmware,
             "the service is killed in flight and is back at once",
-            _out(firmware, 1.2),
+            given_up(firmware, 1.2),
             Step(0.0, Flight.kill_and_restart),
             seconds=10.0,
         )
     ]
-
-
-def _air(firmware: Firmware) -> list[Fault]:
-    """An airplane's: of airspeed and wind, in a wind and while it changes."""
-
-    def without(*names: str) -> Action:
-        return lambda flight: flight.line.vehicle.withhold(*names)
-
-    windy: dict[str, Any] = {"wind_ned_m_s": (-4.0, 3.0, 0.0), "gusts_m_s": 0.8}
-    blind = _out(firmware, 16.0, told=frozenset({"guard_air"}))
-    rows = []
-    for what, names, still, turns in (
-        ("airspeed", AIR[:1], _on(firmware), _either(firmware)),
-        ("wind", AIR[1:], _on(firmware), _either(firmware)),
-        # by the last wind alone while that may be late, 10 s, and 5 s more
-        ("air", AIR, blind, blind),
-    ):
-        rows.append(
-            _fault(
-                firmware,
-                f"no {what} is told any more, in wind",
-                still,
-                Step(0.0, without(*names)),
-                vehicle=windy,
-                seconds=40.0,
-            )
-        )
-        rows.append(
-            _fault(
-                firmware,
-                f"no {what} is told any more, and the wind turns by 8 m/s",
-                turns,
-                Step(0.0, without(*names)),
-                *_front(5.0, (-2.4, 1.8), (4.0, -3.0)),
-                vehicle={"wind_ned_m_s": (-2.4, 1.8, 0.0)},
-                seconds=60.0,
-            )
-        )
-    for what, value in (
-        ("no number", math.nan), ("0", 0.0), ("1e6 m/s", 1e6), ("7 m/s", 7.0), ("30 m/s", 30.0)
-    ):  # fmt: skip
-        rows.append(
-            _fault(
-                firmware,
-                f"the airspeed is {what}",
-                _on(firmware),
-                Step(0.0, _staged(told("VFR_HUD", airspeed=value))),
-                vehicle=windy,
-                seconds=30.0,
-            )
-        )
-    rows += [
-        _fault(
-            firmware,
-            f"the wind is {what}",
-            _on(firmware),
-            Step(0.0, _staged(_wind(value))),
-            seconds=40.0,
-        )
-        for what, value in (("no number", math.nan), ("1e6 m/s", 1e6), ("90 m/s", 90.0), ("14 m/s", 14.0))
-    ]
-    return rows
-
-
-def _front(at_s: float, before: tuple[float, float], after: tuple[float, float]) -> tuple[Step, ...]:
-    """The wind turns within 8 s, as in a strong front."""
-
-    def blows(part: float) -> Action:
-        north, east = (part * new + (1.0 - part) * old for old, new in zip(before, after, strict=True))
-        return lambda flight: flight.line.vehicle.current(flight.line.now_ns, (north, east, 0.0))
-
-    return tuple(Step(at_s + 0.1 * i, blows(i / 80.0)) for i in range(1, 81))
-
-
-def _wind(speed_m_s: float) -> Stage:
-    """From the north, in either message."""
-    wind, covariance = told("WIND", speed=speed_m_s, direction=0.0), told("WIND_COV", wind_x=-speed_m_s)
-
-    def both(data: bytes, now_ns: int) -> list[bytes]:
-        return [out for first in wind(data, now_ns) for out in covariance(first, now_ns)]
-
-    return both
 
 
 PROFILE_FAULTS: Final = tuple(
@@ -450,6 +317,6 @@ PROFILE_FAULTS: Final = tuple(
         *_parameters(firmware),
         *_autopilot(firmware),
         *_pilot(firmware),
-        *(_air(firmware) if firmware in PLANES else ()),
+        *(of_the_air(firmware) if firmware in PLANES else ()),
     )
 )

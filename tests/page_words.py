@@ -69,12 +69,20 @@ ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {
     "ArduPilot RC_Channel.cpp, AC_Fence.cpp, AP_BattMonitor_Params.cpp": (
         *("RCx_OPTION", "FENCE_ENABLE", "FENCE_ACTION", "BATT_FS_LOW_ACT", "BATT_LOW_VOLT"),
     ),
-    "ArduPilot Parameters.cpp of each vehicle": ("FS_THR_ENABLE", "FS_EKF_ACTION", "THR_FAILSAFE"),
+    "ArduPilot Parameters.cpp of each vehicle": ("FS_THR_ENABLE", "THR_FAILSAFE"),
 }
 #: Words of other programs, files that are made, and what a user types in a shell.
 OTHERS: Final = frozenset(
     [
-        *("venv", "apt install python3-venv", "pip install '.[sitl]'", "pip install '.[foxglove]'"),
+        *(
+            "venv",
+            "python3 -m venv .venv && .venv/bin/pip install .",
+            "tmux",
+            "screen",
+            "apt install python3-venv",
+            "pip install '.[sitl]'",
+            "pip install '.[foxglove]'",
+        ),
         *("kill -9", "systemctl edit", "systemctl stop", "systemctl status", "journalctl -u guidance@uuv-1"),
         *("sudo systemctl kill -s USR1 guidance@uuv-1", "sudo systemctl restart guidance@uuv-1"),
         *("sudo systemctl stop guidance@uuv-1", "systemctl edit guidance@uuv-1", "systemd-analyze security"),

@@ -12,6 +12,7 @@ from typing import Final
 
 import pytest
 
+from guidance.mavlink.profiles import PROFILES
 from tests.code_texts import is_said
 from tests.page_words import (
     FIELDS,
@@ -28,6 +29,8 @@ from tests.page_words import (
 from tests.pages import DOCS, PAGES, README, ROOT, anchors, fenced, links, prose, read, spans, tables
 
 EACH: Final = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+FIRST_FLIGHT: Final = ROOT / "docs" / "first-flight.md"
+VEHICLES: Final = ROOT / "docs" / "vehicles.md"
 TROUBLESHOOTING: Final = ROOT / "docs" / "troubleshooting.md"
 #: Pages that other parts of this release bring: take out what has come.
 COMING: Final = frozenset(["command-line.md", "dashboard.md", "reports.md", "telemetry.md"])
@@ -141,6 +144,37 @@ def test_every_text_that_troubleshooting_quotes_is_one_of_the_code() -> None:
         for span in quoted
         if span not in said
     )
+
+
+@pytest.mark.parametrize(
+    ("column", "names"),
+    [
+        ("ArduPilot rover", ("ardupilot-rover",)),
+        ("ArduPilot airplane", ("ardupilot-plane",)),
+        ("ArduPilot copter", ("ardupilot-copter",)),
+        ("PX4", ("px4-uuv", "px4-plane", "px4-copter", "px4-rover")),
+    ],
+)
+def test_the_failsafes_that_check_reads_are_bold(column: str, names: tuple[str, ...]) -> None:
+    rows = [row for row in tables(prose(FIRST_FLIGHT)) if "what fails" in row]
+    bold = {name for row in rows for name in re.findall(r"\*\*`(\w+)`\*\*", row[column])}
+    named = {name for row in rows for name in spans(row[column]) if is_parameter(name)}
+    for profile in names:
+        read_by_check = {each.parameter for each in PROFILES[profile].requirements}
+        assert named & read_by_check == bold, profile
+
+
+def test_the_table_of_profiles_has_each_with_its_mode() -> None:
+    shown = [row for row in tables(prose(VEHICLES)) if "control mode" in row]
+    assert sorted(spans(row["profile"])[0] for row in shown) == sorted(PROFILES)
+    for row in shown:
+        assert row["control mode"] == PROFILES[spans(row["profile"])[0]].control_mode.name.upper()
+    to_take = [row for row in tables(prose(VEHICLES)) if "begins with" in row]
+    assert {name for row in to_take for name in spans(row["profile"])} == set(PROFILES)
+
+
+def is_parameter(text: str) -> bool:
+    return bool(re.fullmatch(r"[A-Z0-9]+(_[A-Z0-9]+)+", text))
 
 
 @pytest.mark.parametrize(

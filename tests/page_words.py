@@ -45,14 +45,8 @@ SYMBOLS: Final = frozenset(
 )
 #: Parameters of autopilots that no code here reads, by where they are defined.
 ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {
-    "PX4 commander_params.c": (
-        "NAV_RCL_ACT",
-        "NAV_DLL_ACT",
-        "COM_RCL_EXCEPT",
-        "COM_RC_OVERRIDE",
-        "COM_LOW_BAT_ACT",
-    ),
-    "PX4 geofence_params.c, manual_control, rc_update": ("GF_ACTION", "RC_MAP_KILL_SW"),
+    "PX4 commander_params.c": ("COM_RC_OVERRIDE", "COM_LOW_BAT_ACT"),
+    "PX4 geofence_params.c, rc_update/params.c": ("GF_ACTION", "RC_MAP_KILL_SW"),
     "PX4 mavlink/module.yaml, mavlink_params.c": (
         *(
             "MAV_0_FORWARD",

@@ -53,7 +53,7 @@ NOT_RUN = {
     ".venv/bin/sitl bench loop": "minutes; parts of it in test_bench_loop",
     ".venv/bin/sitl bench link": "minutes; parts of it in test_bench_link",
     ".venv/bin/sitl faults": "a minute; each fault is a test of its own in test_faults",
-    ".venv/bin/sitl faults --ships": "minutes; every fourth fault of each profile is flown in test_faults_profiles",
+    ".venv/bin/sitl faults --ships": "minutes; every fourth fault of each profile in test_faults_profiles",
     ".venv/bin/sitl faults --real": "minutes; parts of it in test_faults_real",
     **dict.fromkeys(ON_THE_VEHICLE, "installs as root; what it copies is copied, the rest held to the unit"),
     **dict.fromkeys(

@@ -63,7 +63,7 @@ def ranges(config: Config, profile: Profile, told: Mapping[str, float]) -> tuple
     )
     throttle = Range("throttle", profile.thrust_min, profile.thrust_max)
     match profile.asked:
-        case Asked.RATES_SPEED | Asked.YAW_RATE_SPEED:
+        case Asked.RATES_SPEED | Asked.ATTITUDE_RATES_SPEED | Asked.YAW_RATE_SPEED:
             full_m_s = told.get(profile.full_thrust_parameter, config.vehicle.speed_at_full_thrust_m_s)
             low, high = limits.speed_min_m_s / full_m_s, limits.speed_max_m_s / full_m_s
             return (*rates, Range("thrust", _float32(max(low, -1.0)), _float32(min(high, 1.0))))

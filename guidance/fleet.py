@@ -234,13 +234,13 @@ class Fleet:
         return self._vehicles[vehicle].last(record) if vehicle in self._vehicles else None
 
     def take(self, arrivals: Iterable[Arrival]) -> None:
-        """Take in what arrived, in order."""
+        """Take in what arrived, in order; answers to who asked are no news of a vehicle."""
         for arrival in arrivals:
             if isinstance(arrival, Heard):
                 self._take_record(arrival)
             elif isinstance(arrival, Ignored):
                 self._take_ignored(arrival)
-            else:
+            elif isinstance(arrival, Presence):
                 self._take_presence(arrival)
 
     def look(self, now_ns: int) -> list[Seen]:

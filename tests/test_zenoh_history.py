@@ -85,6 +85,7 @@ def test_no_more_than_the_last_minutes_is_kept_but_of_events() -> None:
     assert topics_of(kept)["event"] == EVENTS_MAX
     assert kept[0].t_ns == 5
     streams = kept[EVENTS_MAX:]
+    assert len(streams) == len(history._streams)  # the older are gone
     assert streams[-1].t_ns - streams[0].t_ns == KEPT_NS
     assert sum(len(s.payload) for s in streams) < 0.6e6
     last = history.last(10.0)[EVENTS_MAX:]

@@ -6,14 +6,15 @@ engages anew is not told that it did not track.
 
 from __future__ import annotations
 
-import contextlib
 import os
+import re
 import socket
 import sys
 import time
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
+from math import inf
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +22,7 @@ from rich.console import Console
 
 from guidance.child import Child
 from guidance.config import ConfigError
-from guidance.demo import DemoError, free_port, log_of, plan_flight, service_command, vehicle_command
+from guidance.demo import DemoError, log_of, plan_flight, service_command, vehicle_command
 from guidance.demo_view import coloured
 from guidance.noted_signals import noted_signals
 
@@ -29,6 +30,8 @@ from guidance.noted_signals import noted_signals
 PORT: Final = 8080
 _UP_S: Final = 20.0
 _LOOK_S: Final = 0.1
+#: Where the dashboard says that it is.
+_URL: Final = re.compile(r"http://\S+")
 
 
 def attend(
@@ -51,38 +54,40 @@ def attend(
     directory = Path(plan.config.log.directory)
     before = set(directory.glob("*.mcap"))
 
+    urls: list[str] = []
+
     def line(source: str, text: str) -> None:
-        console.print(coloured(source, text), soft_wrap=True)
+        if source == "dashboard" and (url := _URL.search(text)) and not urls:
+            urls.append(url[0])
+        else:
+            console.print(coloured(source, text), soft_wrap=True)
 
     def say(text: str) -> None:
         console.print(text, soft_wrap=True, markup=False)
 
     name = plan.config.trajectory.__struct_config__.tag
     say(f"Flying the built-in {plan.config.vehicle.profile} along the {name}. Ctrl-C ends it.")
-    port = page_port()
-    url = f"http://127.0.0.1:{port}/"
     with (
         noted_signals() as noted,
         Child(vehicle_command(plan.config), "vehicle", line) as vehicle,
         Child(service_command(plan.settings), "service", line) as service,
-        Child(dashboard_command(plan.watch_at, port), "dashboard", line) as page,
+        Child(dashboard_command(plan.watch_at), "dashboard", line) as page,
     ):
         children = (vehicle, service, page)
         for child in children:
             child.listen(_nothing)
         until_s = time.monotonic() + _UP_S
-        while not noted and not _answers(port):
-            _all_alive(children)
+        while not noted and not urls:
+            _see_to(children)
             if time.monotonic() > until_s:
-                raise DemoError(f"the dashboard does not answer at {url}")
-            time.sleep(_LOOK_S)
-        say(f"Dashboard: {url}")
-        if open_browser:
-            open_page(url, environment, say)
-        until_s = time.monotonic() + (86400.0 * 365 if seconds is None else seconds)
+                raise DemoError(f"the dashboard does not come up within {_UP_S:g} s")
+        if urls:
+            say(f"Dashboard: {urls[0]}")
+            if open_browser:
+                open_page(urls[0], environment, say)
+        until_s = time.monotonic() + (inf if seconds is None else seconds)
         while not noted and time.monotonic() < until_s:
-            _all_alive(children)
-            time.sleep(_LOOK_S)
+            _see_to(children)
         page.stop()
         service.stop()
     log = log_of(plan.config, set(directory.glob("*.mcap")) - before)
@@ -91,30 +96,20 @@ def attend(
     return 128 + noted[0] if noted else 0
 
 
-def dashboard_command(connect: str, port: int) -> list[str]:
-    """The dashboard of what publishes there."""
-    return [sys.executable, "-m", "guidance", "dashboard", "--connect", connect, "--port", str(port)]
+def dashboard_command(connect: str) -> list[str]:
+    """The dashboard of what publishes there, on `PORT` or, if somebody has that, on another."""
+    with socket.socket() as probe:
+        port = 0 if probe.connect_ex(("127.0.0.1", PORT)) == 0 else PORT
+    command = [sys.executable, "-m", "guidance", "dashboard", "--commands"]
+    return [*command, "--connect", connect, "--port", str(port)]
 
 
-def page_port() -> int:
-    """`PORT`, or a free one if somebody has that."""
-    with socket.socket() as probe, contextlib.suppress(OSError):
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind(("127.0.0.1", PORT))
-        return PORT
-    return free_port(socket.SOCK_STREAM)
-
-
-def _answers(port: int) -> bool:
-    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
-        return True
-    return False
-
-
-def _all_alive(children: Sequence[Child]) -> None:
+def _see_to(children: Sequence[Child]) -> None:
+    """Let a moment pass; raises DemoError if one of them ended in it."""
     for child in children:
         if child.ended:
             raise DemoError(child.obituary())
+    time.sleep(_LOOK_S)
 
 
 def open_page(url: str, environment: Mapping[str, str], say: Callable[[str], None]) -> None:

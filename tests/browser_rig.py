@@ -9,19 +9,21 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+from msgspec.structs import replace
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, sync_playwright
 
 from guidance.demo import CONFIG_FILE
-from guidance.records import TOPICS, Record
+from guidance.records import LOG_ONLY, TOPICS, Record, Status
+from guidance.service import new_session
 from guidance.telemetry import Sample
 from guidance.telemetry.zenoh_sink import ZenohSink
-from tests.fleet_rig import error, link, setpoint, state, status
+from tests.helpers import make_config, make_flight
 
 PATIENCE_MS: Final = 15_000
 PATIENCE_S: Final = 20.0
@@ -142,7 +144,7 @@ def dashboard(*places: str) -> Iterator[str]:
     """The dashboard of what publishes at these places; gives its address once it answers."""
     port = free_port()
     connect = [word for place in places for word in ("--connect", place)]
-    with process("guidance", "dashboard", *connect, "--port", str(port)) as child:
+    with process("guidance", "dashboard", *connect, "--commands", "--port", str(port)) as child:
         wait_for(port, child)
         yield f"http://127.0.0.1:{port}/"
 
@@ -160,20 +162,31 @@ def wait_for(port: int, child: subprocess.Popen[str]) -> None:
 
 
 class Ghost:
-    """A vehicle that is none: a service's own sink, and a thread that says the same at 20 Hz."""
+    """A vehicle that is none: a flight made beforehand, told by a service's own sink as if it were flown now.
 
-    def __init__(self, name: str, place: str) -> None:
-        self._sink = ZenohSink(name, listen=[place], capacity=100_000, capacity_bytes=1 << 25)
+    What it flew in `before_s` is told at once, so that who looks finds it in the service's cache.
+    """
+
+    def __init__(self, name: str, place: str, before_s: float, after_s: float, *settings: str) -> None:
+        config = make_config(f"vehicle.name={name}", *settings)
+        flight = make_flight(config=config)
+        flight.run(before_s + after_s)
+        self._sink = ZenohSink(name, listen=[place], capacity=100_000, capacity_bytes=1 << 26)
+        self._records = [record for record in flight.records if TOPICS[type(record)] not in LOG_ONLY]
+        self._offset_ns = time.monotonic_ns() - flight.now_ns + int(after_s * 1e9)
+        self._next = 0
+        self._config = config
         self._quiet = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def say(self, records: Iterable[Record]) -> None:
-        for record in records:
-            self._sink.offer(Sample(TOPICS[type(record)], record.t_ns, msgspec.json.encode(record)))
-
     def start(self) -> None:
+        self.say(new_session(self._config))
+        self._tell()
         self._sink.start()
         self._thread.start()
+
+    def say(self, record: Record) -> None:
+        self._sink.offer(Sample(TOPICS[type(record)], record.t_ns, msgspec.json.encode(record)))
 
     def fall_silent(self) -> None:
         """From the return on nothing is said; its service is still there."""
@@ -185,8 +198,24 @@ class Ghost:
         self._sink.close(PATIENCE_S)
 
     def _run(self) -> None:
-        while not self._quiet.wait(0.05):
-            self.say(self.now(time.monotonic_ns()))
+        while not self._quiet.wait(0.02):
+            self._tell()
 
-    def now(self, t_ns: int) -> list[Record]:
-        return [state(t_ns), error(t_ns, 0.25), setpoint(t_ns, t_ns // 50_000_000), status(t_ns), link(t_ns)]
+    def _tell(self) -> None:
+        then_ns = time.monotonic_ns() - self._offset_ns
+        while self._next < len(self._records) and self._records[self._next].t_ns <= then_ns:
+            self.say(_moved(self._records[self._next], self._offset_ns))
+            self._next += 1
+
+
+def _moved(record: Record, by_ns: int) -> Record:
+    """The same at another time."""
+    moved = replace(record, t_ns=record.t_ns + by_ns)
+    if isinstance(moved, Status):
+        start_ns = moved.trajectory_start_ns
+        return replace(
+            moved,
+            since_ns=moved.since_ns + by_ns,
+            trajectory_start_ns=None if start_ns is None else start_ns + by_ns,
+        )
+    return moved

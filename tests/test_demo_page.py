@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from guidance import demo_page
 from guidance.cli import app
-from guidance.demo_page import open_page, page_port
+from guidance.demo_page import dashboard_command, open_page
 
 
 def test_without_its_extra_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,11 +33,12 @@ def test_a_wrong_setting_is_refused_before_anything_starts() -> None:
     assert "law.k" in outcome.output
 
 
-def test_a_taken_port_is_not_taken_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_taken_port_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as somebody:
-        monkeypatch.setattr(demo_page, "PORT", somebody.getsockname()[1])
-        assert page_port() not in (0, somebody.getsockname()[1])
-    assert page_port() == demo_page.PORT
+        port = somebody.getsockname()[1]
+        monkeypatch.setattr(demo_page, "PORT", port)
+        assert dashboard_command("tcp/127.0.0.1:7447")[-2:] == ["--port", "0"]
+    assert dashboard_command("tcp/127.0.0.1:7447")[-2:] == ["--port", str(port)]
 
 
 @pytest.mark.parametrize(

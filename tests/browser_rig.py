@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, sync_playwright
 
 from guidance.demo import CONFIG_FILE
-from guidance.records import LOG_ONLY, TOPICS, Record, Status
+from guidance.records import LOG_ONLY, TOPICS, Event, Record, Status
 from guidance.service import new_session
 from guidance.telemetry import Sample
 from guidance.telemetry.zenoh_sink import ZenohSink
@@ -110,6 +110,7 @@ def process(*words: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         **{"stderr": subprocess.DEVNULL, **options},
     ) as child:
         try:
@@ -119,32 +120,33 @@ def process(*words: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextmanager
-def flying(place: str, folder: Path, *settings: str) -> Iterator[subprocess.Popen[str]]:
-    """The demo's flight: service and built-in vehicle, which takes orders; gives the service."""
+def flying(place: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """The demo's flight, service and built-in vehicle, which takes orders; gives the service."""
     port = free_port(socket.SOCK_DGRAM)
     settings = (
         f'link.connection="udpin://127.0.0.1:{port}"',
-        f'zenoh.listen=["{place}"]',
+        f'zenoh.connect=["{place}"]',
         "zenoh.commands=true",
         "log.enabled=false",
-        *settings,
     )
     service = ["guidance", "run", "--config", str(CONFIG_FILE)]
     service += [word for setting in settings for word in ("--set", setting)]
     vehicle = ["sitl", "vehicle", "--firmware", "px4-uuv", "--full-thrust-speed", "5", "--port", "0"]
     with (
         process(*vehicle, "--to", f"127.0.0.1:{port}", "--exit-with-stdin"),
-        process(*service, cwd=folder, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}) as child,
+        process(*service, cwd=folder) as child,
     ):
         yield child
 
 
 @contextmanager
-def dashboard(*places: str) -> Iterator[str]:
-    """The dashboard of what publishes at these places; gives its address once it answers."""
+def dashboard(*, connect: Sequence[str] = (), listen: Sequence[str] = ()) -> Iterator[str]:
+    """The dashboard of what publishes there, with buttons; gives its address once it answers."""
     port = free_port()
-    connect = [word for place in places for word in ("--connect", place)]
-    with process("guidance", "dashboard", *connect, "--commands", "--port", str(port)) as child:
+    words = ["--commands", "--port", str(port)]
+    words += [word for place in connect for word in ("--connect", place)]
+    words += [word for place in listen for word in ("--listen", place)]
+    with process("guidance", "dashboard", *words) as child:
         wait_for(port, child)
         yield f"http://127.0.0.1:{port}/"
 
@@ -162,26 +164,26 @@ def wait_for(port: int, child: subprocess.Popen[str]) -> None:
 
 
 class Ghost:
-    """A vehicle that is none: a flight made beforehand, told by a service's own sink as if it were flown now.
+    """A vehicle that is none: a flight made beforehand, told by a service's own sink as if it ended now.
 
-    What it flew in `before_s` is told at once, so that who looks finds it in the service's cache.
+    It is told at once, so that who looks finds it in the service's cache; its end is repeated from then on.
     """
 
-    def __init__(self, name: str, place: str, before_s: float, after_s: float, *settings: str) -> None:
-        config = make_config(f"vehicle.name={name}", *settings)
+    def __init__(self, name: str, place: str, seconds: float) -> None:
+        config = make_config(f"vehicle.name={name}")
         flight = make_flight(config=config)
-        flight.run(before_s + after_s)
+        flight.run(seconds)
         self._sink = ZenohSink(name, listen=[place], capacity=100_000, capacity_bytes=1 << 26)
         self._records = [record for record in flight.records if TOPICS[type(record)] not in LOG_ONLY]
-        self._offset_ns = time.monotonic_ns() - flight.now_ns + int(after_s * 1e9)
-        self._next = 0
+        self._offset_ns = time.monotonic_ns() - flight.now_ns
         self._config = config
         self._quiet = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
         self.say(new_session(self._config))
-        self._tell()
+        for record in self._records:
+            self.say(_moved(record, self._offset_ns))
         self._sink.start()
         self._thread.start()
 
@@ -198,14 +200,10 @@ class Ghost:
         self._sink.close(PATIENCE_S)
 
     def _run(self) -> None:
-        while not self._quiet.wait(0.02):
-            self._tell()
-
-    def _tell(self) -> None:
-        then_ns = time.monotonic_ns() - self._offset_ns
-        while self._next < len(self._records) and self._records[self._next].t_ns <= then_ns:
-            self.say(_moved(self._records[self._next], self._offset_ns))
-            self._next += 1
+        newest = {type(record): record for record in self._records if not isinstance(record, Event)}
+        while not self._quiet.wait(0.05):
+            for record in newest.values():
+                self.say(_moved(record, time.monotonic_ns() - record.t_ns))
 
 
 def _moved(record: Record, by_ns: int) -> Record:

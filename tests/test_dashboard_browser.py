@@ -19,6 +19,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from guidance.telemetry.zenoh_sink import zenoh_config
 from tests.browser_rig import (
+    PATIENCE_MS,
     PATIENCE_S,
     PHONE,
     Ghost,
@@ -40,11 +41,13 @@ from tests.page_measures import (
     wait_until_drawn,
 )
 
-BEFORE_S = 60.0
+#: So long the vehicle that only talks has flown when the first looks.
+FLOWN_S = 45.0
 
 
 @pytest.fixture(name="browser", scope="module")
 def one_browser() -> Iterator[Browser]:
+    expect.set_options(timeout=PATIENCE_MS)
     with chromium() as browser:
         yield browser
 
@@ -61,11 +64,11 @@ class Watched(NamedTuple):
 def a_dashboard_with_something_to_show() -> Iterator[Watched]:
     places = [endpoint(), endpoint()]
     with ExitStack() as stack:
-        ghost = Ghost("uuv-1", places[0], BEFORE_S, 90.0)
+        ghost = Ghost("uuv-1", places[0], FLOWN_S)
         stack.callback(ghost.close)
         ghost.start()
         stranger = stack.enter_context(zenoh.open(zenoh_config(listen=[places[1]])))
-        yield Watched(stack.enter_context(dashboard(*places)), ghost, stranger)
+        yield Watched(stack.enter_context(dashboard(connect=places)), ghost, stranger)
 
 
 def row_of(page: Page, vehicle: str) -> Locator:
@@ -80,7 +83,7 @@ def error_of(page: Page, vehicle: str) -> float:
 
 def test_a_flight_is_seen_from_its_start_and_aborted_from_the_page(browser: Browser, tmp_path: Path) -> None:
     place = endpoint()
-    with dashboard(place) as url, visiting(browser, url) as page:
+    with dashboard(listen=[place]) as url, visiting(browser, url) as page:
         expect(page.locator("#nobody")).to_be_visible()
         picture(page, "nobody")
         with flying(place, tmp_path):
@@ -116,7 +119,7 @@ def test_who_opens_the_page_late_sees_the_last_minute(browser: Browser, watched:
     with visiting(browser, watched.url) as page:
         expect(page.locator("#state-word")).to_contain_text("tracking")
         expect(page.locator("#event-list")).to_contain_text("tracking")
-        wait_until_drawn(page, "#charts canvas", 0.8)
+        wait_until_drawn(page, "#charts canvas", 0.6)  # of a minute
         picture(page, "late")
 
 
@@ -152,9 +155,9 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(browser: Browser, wa
         assert too_wide(page) == []
         small = page.evaluate(
             """() => [...document.querySelectorAll("button")].filter((b) => b.checkVisibility())
-                .map((b) => [b.innerText, b.getBoundingClientRect().height]).filter(([, h]) => h < 32)"""
+                .map((b) => [b.innerText, b.getBoundingClientRect().height]).filter(([, h]) => h < 24)"""
         )
-        assert small == []  # a finger must hit it
+        assert small == []  # the least of WCAG 2.2 for a finger
         picture(page, "phone")
 
 
@@ -190,7 +193,7 @@ def test_a_vehicle_that_falls_silent_looks_silent_within_a_second(browser: Brows
         )
         watched.ghost.fall_silent()
         fell_s = time.time()
-        page.wait_for_function("window.silentAt > 0")
+        page.wait_for_function("() => window.silentAt > 0")
         after_s = page.evaluate("window.silentAt") / 1000.0 - fell_s
         assert after_s < 1.5  # within 1 s; a test does not judge the machine
         expect(page.locator("#state-word")).to_contain_text("silent")

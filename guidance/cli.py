@@ -13,6 +13,7 @@ from rich.console import Console
 
 from guidance import __version__
 from guidance.command_cli import command
+from guidance.dashboard_cli import dashboard
 from guidance.demo_cli import demo
 from guidance.network_options import Connect, Listen, ZenohFile
 from guidance.tune_cli import tune
@@ -27,6 +28,7 @@ guidance demo --dashboard                           on a page, with buttons
 guidance check --config vehicle.toml                is all well? moves nothing
 guidance run --config vehicle.toml                  the service, for a real one
 guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
+guidance dashboard --open                           the same in a browser
 guidance command uuv-1 engage                       an order, answered
 guidance tune --config vehicle.toml                 steps, and gains from them
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
@@ -281,6 +283,7 @@ def check(
 
 
 app.command("command")(command)
+app.command("dashboard")(dashboard)
 app.command("tune")(tune)
 
 

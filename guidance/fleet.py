@@ -233,6 +233,10 @@ class Fleet:
         """The newest record of a type, None if none came."""
         return self._vehicles[vehicle].last(record) if vehicle in self._vehicles else None
 
+    def fresh(self, vehicle: str, record: type[R], now_ns: int, within_ns: int) -> R | None:
+        """The same, if it came lately and was not an answer to a query."""
+        return self._vehicles[vehicle].fresh(record, now_ns, within_ns) if vehicle in self._vehicles else None
+
     def take(self, arrivals: Iterable[Arrival]) -> None:
         """Take in what arrived, in order; answers to who asked are no news of a vehicle."""
         for arrival in arrivals:

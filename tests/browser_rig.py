@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, sync_playwright
 
 from guidance.demo import CONFIG_FILE
-from guidance.records import LOG_ONLY, TOPICS, Event, Record, Status
+from guidance.records import LOG_ONLY, TOPICS, Event, Record, Setpoint, Status
 from guidance.service import new_session
 from guidance.telemetry import Sample
 from guidance.telemetry.zenoh_sink import ZenohSink
@@ -201,9 +201,14 @@ class Ghost:
 
     def _run(self) -> None:
         newest = {type(record): record for record in self._records if not isinstance(record, Event)}
+        number = 0
         while not self._quiet.wait(0.05):
+            number += 1
             for record in newest.values():
-                self.say(_moved(record, time.monotonic_ns() - record.t_ns))
+                moved = _moved(record, time.monotonic_ns() - record.t_ns)
+                if isinstance(moved, Setpoint):
+                    moved = replace(moved, seq=moved.seq + number)
+                self.say(moved)
 
 
 def _moved(record: Record, by_ns: int) -> Record:

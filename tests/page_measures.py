@@ -10,7 +10,7 @@ from playwright.sync_api import Page
 CONTRAST: Final = 4.5
 CONTRAST_LARGE: Final = 3.0
 
-_CONTRASTS: Final = """() => {
+_CONTRASTS: Final = """(within) => {
   const brush = document.createElement("canvas").getContext("2d", {willReadFrequently: true});
   const rgba = (colour) => {
     brush.clearRect(0, 0, 1, 1); brush.fillStyle = colour; brush.fillRect(0, 0, 1, 1);
@@ -30,7 +30,7 @@ _CONTRASTS: Final = """() => {
   while (words.nextNode()) {
     const text = words.currentNode.textContent.trim(), element = words.currentNode.parentElement;
     if (!text || !element.checkVisibility({visibilityProperty: true, opacityProperty: true})) continue;
-    if (element.closest(":disabled, script, style")) continue;
+    if (!element.closest(within) || element.closest(":disabled, script, style")) continue;
     const style = getComputedStyle(element), back = behind(element);
     let opacity = 1;
     for (let e = element; e; e = e.parentElement) opacity *= Number(getComputedStyle(e).opacity);
@@ -43,10 +43,10 @@ _CONTRASTS: Final = """() => {
 }"""
 
 
-def faint_texts(page: Page) -> list[Any]:
+def faint_texts(page: Page, within: str = "body") -> list[Any]:
     """Visible texts that are not told from what is behind them well enough, with their contrast."""
-    texts = page.evaluate(_CONTRASTS)
-    assert len(texts) > 20, texts
+    texts = page.evaluate(_CONTRASTS, within)
+    assert texts, f"no text in {within}"
     return [
         (text, round(ratio, 2))
         for text, ratio, large in texts
@@ -109,7 +109,5 @@ def brightness(page: Page) -> float:
 
 
 def focused(page: Page) -> str:
-    """What has the keyboard: its role-like tag and its text."""
-    return str(
-        page.evaluate("`${document.activeElement.tagName} ${document.activeElement.innerText ?? ''}`.trim()")
-    )
+    """What has the keyboard: its id, or its text."""
+    return str(page.evaluate("document.activeElement.id || document.activeElement.innerText || ''"))

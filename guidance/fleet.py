@@ -247,6 +247,13 @@ class Fleet:
             elif isinstance(arrival, Presence):
                 self._take_presence(arrival)
 
+    def recall(self, vehicle: str, events: Iterable[Event], now_ns: int) -> None:
+        """Note events from before anybody listened, those that are not noted yet."""
+        known = {(note.t_ns, note.text) for note in self._notes if note.vehicle == vehicle}
+        for event in events:
+            if (event.t_ns, event.text) not in known:
+                self._note(self._vehicle(vehicle), event.level, event.text, now_ns, event.t_ns)
+
     def look(self, now_ns: int) -> list[Seen]:
         """Every vehicle now, by name; one that has fallen silent is noted."""
         seen = []

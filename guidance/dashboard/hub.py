@@ -21,7 +21,7 @@ from guidance.dashboard.rows import (
 )
 from guidance.dashboard.said import Watched, told
 from guidance.fleet import Contact, Fleet, Seen
-from guidance.records import TOPICS, Event, Record, State, Timing, TrackingError
+from guidance.records import Event, Record, State, Timing, TrackingError
 from guidance.telemetry.arrivals import Answered, Arrival, Heard, History, Presence
 
 #: So many vehicles' rows are kept (1.1 MB each); of more, those unheard for longest give way.
@@ -122,7 +122,8 @@ class Hub:
         if not history.records:
             return
         vehicle = self._vehicle(history.vehicle)
-        self._tell_events(history)
+        events = [record for record in history.records if isinstance(record, Event)]
+        self.fleet.recall(history.vehicle, events[-EVENTS_MAX:], history.arrived_ns)
         before_ns = now_ns if vehicle.first_ns is None else vehicle.first_ns
         if now_ns - before_ns > KEPT_S * 1_000_000_000:
             return
@@ -133,15 +134,6 @@ class Hub:
             vehicle.ring.precede(rows)
             vehicle.first_ns = before_ns - KEPT_S * 1_000_000_000  # nothing goes before them
             self.renewed.add(history.vehicle)
-
-    def _tell_events(self, history: History) -> None:
-        known = {(note.t_ns, note.text) for note in self.fleet.notes if note.vehicle == history.vehicle}
-        events = [record for record in history.records if isinstance(record, Event)][-EVENTS_MAX:]
-        self.fleet.take(
-            Heard(history.arrived_ns, history.vehicle, TOPICS[Event], event, answered=True)
-            for event in events
-            if (event.t_ns, event.text) not in known
-        )
 
     def _vehicle(self, name: str) -> _Rows:
         known = self._vehicles.pop(name, None)

@@ -46,7 +46,7 @@ function draw() {
   pending = false;
   const atMs = (redraw.atMs = performance.now());
   charts.draw(rows, windowS);
-  scene.draw(rows);
+  scene.draw(rows, windowS);
   panel.readings(rows, shownNow());
   lastMs = performance.now() - atMs;
   drawn.frames += 1;

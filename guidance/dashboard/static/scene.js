@@ -4,6 +4,7 @@ import { roundStep } from "./axis.js";
 import { Camera } from "./camera.js";
 import { fitted } from "./canvas.js";
 import { colours } from "./theme.js";
+import { figure } from "./words.js";
 
 /** @typedef {import("./rows.js").Rows} Rows */
 /** @typedef {[number, number, number]} Triple */
@@ -11,7 +12,7 @@ import { colours } from "./theme.js";
 
 const POINTS_MAX = 1500;
 const FIELD_PX = 64;
-const BODY_PX = 20;
+const BODY_PX = 26;
 /** The outline of the vehicle in body axes (x ahead, y right, z down): from above, and its fin. */
 const HULL = /** @type {Triple[]} */ ([[1, 0, 0], [-0.8, 0.62, 0], [-0.45, 0, 0], [-0.8, -0.62, 0]]);
 const FIN = /** @type {Triple[]} */ ([[-0.1, 0, 0], [-0.75, 0, -0.5], [-0.62, 0, 0]]);
@@ -41,10 +42,11 @@ export class Scene {
     this.fence = null;
   }
 
-  /** @param {Rows} rows */
-  draw(rows) {
+  /** @param {Rows} rows @param {number} windowS paths are drawn over so long */
+  draw(rows, windowS) {
     const { c, width, height } = fitted(this.canvas);
-    const found = bounds(rows);
+    this.first = rows.since(rows.nowS() - windowS);
+    const found = bounds(rows, this.first) ?? bounds(rows, 0);
     if (!found || width < 2) return;
     this.#fit(found);
     const { camera } = this;
@@ -55,7 +57,7 @@ export class Scene {
     const ground = this.#ground(c, found);
     if (this.fence) this.#fence(c, this.fence, ground);
     this.#path(c, rows, "north", { colour: colours.soft, width: 1, alpha: 0.35, dash: [], down: ground });
-    this.#path(c, rows, "ref_north", { colour: colours.b, width: 2, alpha: 1, dash: [7, 5] });
+    this.#path(c, rows, "ref_north", { colour: colours.b, width: 5, alpha: 0.75, dash: [9, 9] });
     this.#path(c, rows, "north", { colour: colours.a, width: 2, alpha: 1, dash: [] });
     if (last) this.#vehicle(c, last, ground);
     this.#compass(c, height);
@@ -117,7 +119,7 @@ export class Scene {
     c.fillStyle = colours.soft;
     c.font = "12px system-ui, sans-serif";
     c.textAlign = "right";
-    c.fillText(`grid ${Number(step.toPrecision(1))} m, ${(-down).toFixed(1).replace("-", "−")} m up`, camera.width - 10, camera.height - 10);
+    c.fillText(`grid ${Number(step.toPrecision(1))} m, at ${figure(-down, 1)} m up`, camera.width - 10, camera.height - 10);
     return down;
   }
 
@@ -127,7 +129,7 @@ export class Scene {
     const { corners } = fence;
     if (!corners.length) return;
     const levels = [fence.down_min_m, fence.down_max_m].filter((level) => level !== null);
-    if (!levels.length) levels.push(ground);
+    if (levels.length < 2) levels.push(ground);
     c.strokeStyle = colours.bad;
     c.lineWidth = 1.5;
     c.setLineDash([10, 4, 2, 4]);
@@ -157,9 +159,11 @@ export class Scene {
    */
   #path(c, rows, column, style) {
     const first = rows.at[column];
-    const each = Math.ceil(rows.held / POINTS_MAX);
+    const count = rows.held - this.first;
+    if (count < 2) return;
+    const each = Math.ceil(count / POINTS_MAX);
     // The same rows are drawn each time, so that the path does not shimmer as it grows.
-    const from = (each - (Math.round(rows.times[rows.slot(0)] * 20) % each)) % each;
+    const from = this.first + ((each - (Math.round(rows.times[rows.slot(this.first)] * 20) % each)) % each);
     c.strokeStyle = style.colour;
     c.lineWidth = style.width;
     c.globalAlpha = style.alpha;
@@ -258,11 +262,11 @@ export class Scene {
 
 /** @typedef {[number, number][]} Box low and high of north, east and down, m */
 
-/** What the paths take up; null while there is nothing. @param {Rows} rows @returns {Box|null} */
-function bounds(rows) {
+/** What the paths take up; null while there is nothing. @param {Rows} rows @param {number} first @returns {Box|null} */
+function bounds(rows, first) {
   const box = /** @type {Box} */ ([0, 1, 2].map(() => [Infinity, -Infinity]));
   const each = Math.max(1, Math.floor(rows.held / POINTS_MAX));
-  for (let i = rows.held - 1; i >= 0; i -= each) {
+  for (let i = rows.held - 1; i >= first; i -= each) {
     const at = rows.slot(i) * rows.width;
     for (const column of [rows.at.north, rows.at.ref_north]) {
       for (let k = 0; k < 3; k++) {

@@ -1,7 +1,16 @@
 /** The vehicle that is shown: its state and why, what blocks engaging, readings, link and loop in words. */
 
 import { remarks } from "./fleet.js";
-import { duration, figure, GROUNDED, look, make, put, STATES, UNKNOWN } from "./words.js";
+import { duration, figure, look, make, put, STATES, UNKNOWN } from "./words.js";
+
+/** States in which nothing is flown: what blocks engaging there; empty is the reason that the vehicle gives. */
+const BLOCKS = new Map([
+  ["disconnected", ""],
+  ["connected", ""],
+  ["withheld", ""],
+  ["ready", "Nothing: it may be engaged."],
+  ...["handed-over", "aborted", "finished"].map((state) => /** @type {[string, string]} */ ([state, "A fresh order to engage; the vehicle answers if a condition is not met."])),
+]);
 
 const $ = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
@@ -46,8 +55,8 @@ export class VehiclePanel {
     const reason = seen.reason ? `${sentence ? `${sentence}: ` : ""}${seen.reason}` : sentence;
     put($("reason"), live ? reason || "It publishes nothing that this version reads." : `Last said: ${seen.state ?? "nothing"}${seen.reason ? `, ${seen.reason}` : ""}`);
     const blocks = $("blocks");
-    blocks.hidden = !live || !GROUNDED.has(seen.state ?? "");
-    put(blocks.children[1], seen.state === "ready" ? "Nothing: it may be engaged." : seen.reason || "It does not say.");
+    blocks.hidden = !live || !BLOCKS.has(seen.state ?? "");
+    put(blocks.children[1], BLOCKS.get(seen.state ?? "") || seen.reason || "It does not say.");
     const veil = $("veil");
     veil.hidden = live;
     if (!live) put(veil, `${seen.contact} for ${duration(seen.quiet_s)}: what is drawn is old`);

@@ -52,9 +52,6 @@ export const STATES = {
   finished: ["idle", "■", "the flight is over"],
 };
 
-/** States in which nothing is flown: there something blocks engaging, or nothing does. */
-export const GROUNDED = new Set(["disconnected", "connected", "withheld", "ready", "handed-over", "aborted", "finished"]);
-
 /**
  * How a vehicle looks: its state while it is heard, else how it is heard.
  * @param {{contact: string, state: string|null, quiet_s: number}} seen

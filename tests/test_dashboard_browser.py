@@ -52,6 +52,12 @@ def one_browser() -> Iterator[Browser]:
         yield browser
 
 
+def test_without_a_browser_it_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(AssertionError, match="apt-get install -y chromium"), chromium():
+        pass
+
+
 class Watched(NamedTuple):
     """A dashboard, and what it shows: a vehicle that only talks, and a stranger on the keys."""
 

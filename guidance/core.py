@@ -17,6 +17,7 @@ import msgspec
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.cautions import Cautions
 from guidance.commanding import command_of
 from guidance.commands import Order, text_of
 from guidance.component import shown
@@ -94,6 +95,7 @@ class Guide:
         self._line = LineWatch(self.connection, config.link.rate_hz, wanted)
         self._estimator = Estimator(self.profile.project)
         self.fitting = Fitting(config, self.profile, self.link, self.tracker)
+        self.cautions = Cautions()
         self.guards = Guards(config, self.profile, self.link, self.tracker)
         self.steering = Steering(
             config, self.profile, self.connection, self.link, self.tracker, self._estimator, self.guards
@@ -271,8 +273,14 @@ class Guide:
             self._told.event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self.steering.basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
-        self._told.add(*self.fitting.look(now_ns, flying=self.engagement.state in _IN_FLIGHT))
+        flying = self.engagement.state in _IN_FLIGHT
+        self._told.add(*self.fitting.look(now_ns, flying=flying))
         unfit = self.fitting.unmet
+        if not flying and unfit is None:
+            for caution in self.cautions.look(self.tracker, self.link, estimate, now_ns):
+                text = f"before you fly: {caution.text}"
+                self._told.event(Level.WARNING, "caution", text, now_ns)
+                self.link.outbox.long_text(SEVERITY[Level.WARNING], text)
         blocked = first_unmet(
             self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging, unfit
         )
@@ -351,7 +359,8 @@ class Guide:
             estimate = self.steering.estimate(now_ns)
             return [] if isinstance(estimate, str) else [state_record(estimate)]
         if name == "status":
-            return [status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)]
+            standing, sent = self.cautions.standing, self.setpoints_sent
+            return [status_record(self.engagement, self.link, self.tracker, standing, sent, now_ns)]
         if name == "link":
             record = self._line.measured(link_record(self.link, now_ns), self.link)
             return [record, *self._line.news(record, self.link)]

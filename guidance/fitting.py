@@ -9,11 +9,11 @@ but the speed of full thrust, which the autopilot follows at once, and the speed
 
 from __future__ import annotations
 
-from math import ceil, isfinite
+from math import ceil, isfinite, isnan
 from typing import Final
 
 from guidance.config import Config
-from guidance.mavlink.air import AirBody
+from guidance.mavlink.air import AirBody, VfrHud
 from guidance.mavlink.link import AutopilotLink, Received
 from guidance.mavlink.messages import ParamValue
 from guidance.mavlink.parameters import ParameterReader, name_of, request_read
@@ -73,6 +73,8 @@ class Fitting:
                 self._judge = True
                 self._changed[name_of(body)] = None
         elif isinstance(body, AirBody):
+            if isinstance(body, VfrHud) and isnan(body.airspeed):
+                body = body._replace(airspeed=0.0)  # none is measured (PX4's `VFR_HUD.hpp`); the height holds
             if all(map(isfinite, body)):
                 self._tracker.handler.heard(body, now_ns)
             else:

@@ -150,6 +150,8 @@ class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     `allocation` names the rates that turn the vehicle; it is left out while it is the paper's, as in logs
     from before it could be another.
 
+    `cautions` forbid no flight and are to be known before one; in a flight they are those of before it.
+
     `trajectory_start_ns` is the instant of t = 0 and `origin_ned_m` the trajectory's origin in the
     vehicle's local frame; both are set at the first tracking tick.
     """
@@ -164,6 +166,7 @@ class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     origin_ned_m: Triple | None
     setpoints_sent: int
     allocation: str = "pitch-yaw"
+    cautions: tuple[str, ...] = ()
 
 
 class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):

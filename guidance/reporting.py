@@ -7,6 +7,7 @@ from typing import Final
 
 from guidance.engagement import Engagement
 from guidance.estimate import Estimate, Reset, Switch
+from guidance.flying import Caution
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.setpoints import Outgoing
 from guidance.records import Event, Level, Record, Reference, Setpoint, State, Status, TrackingError
@@ -51,6 +52,7 @@ def status_record(
     engagement: Engagement,
     link: AutopilotLink,
     tracker: Tracker,
+    cautions: Iterable[Caution],
     setpoints_sent: int,
     now_ns: int,
 ) -> Status:
@@ -68,6 +70,7 @@ def status_record(
         origin_ned_m=tracker.origin_ned_m,
         setpoints_sent=setpoints_sent,
         allocation=tracker.allocation,
+        cautions=tuple(caution.text for caution in cautions),
     )
 
 

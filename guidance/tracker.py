@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from guidance.abilities import GroundAbilities
 from guidance.blending import (
     NO_OFFSET,
     NO_TURN,
@@ -20,8 +19,7 @@ from guidance.blending import (
 )
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.feasibility import abilities_of, unflyable, within_autopilot
-from guidance.flying import Flown
+from guidance.flying import Caution, Flown
 from guidance.flying.choice import handler_of
 from guidance.law import Evaluation, planar
 from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
@@ -149,13 +147,6 @@ class Tracker:
         """What the autopilot's parameters say of the vehicle holds from here on; or why it must not be flown
         with them. They are by their newest names, in their units, and each by itself plausible."""
         self.full_thrust(values)
-        config, name = self._config, self._profile.full_thrust_parameter
-        if name in values:
-            known = values if config.ground.enabled else {name: values[name]}
-            own = abilities_of(config.limits, config.law, math.inf, self._profile.planar, config.ground)
-            if isinstance(own, GroundAbilities):
-                for problem in unflyable(config.trajectory, within_autopilot(own, known)):
-                    return f"{problem.key}{problem.text}"
         return self.handler.fit(values)
 
     def full_thrust(self, values: Mapping[str, float]) -> None:
@@ -171,9 +162,10 @@ class Tracker:
         without = cannot_allocate(name, self._config.limits, self._profile.planar)
         if without is not None:
             return f"limits.{without[0]} = {without[1]:g} leaves it without that rate"
-        self.allocation = name
-        self.handler.configure(self._config, self.origin_ned_m or ZERO, name)
-        return None
+        refused = self.handler.configure(self._config, self.origin_ned_m or ZERO, name)
+        if refused is None:
+            self.allocation = name
+        return refused
 
     def _blending(self) -> Blending:
         """By the limits, the law and the allocation as they now are: any may change in flight."""
@@ -214,10 +206,16 @@ class Tracker:
         """Why a flight must not begin now, as what flies the vehicle sees it; the origin must be known."""
         origin = self.find_origin(estimate.pose.position, ekf, home)
         assert isinstance(origin, Vec3)
-        ground_down_m = None
-        if ekf is not None and home is not None:
-            ground_down_m = (ekf.altitude - home.altitude) * 1e-3
-        return self.handler.unmet(estimate, origin, ground_down_m)
+        return self.handler.unmet(estimate, origin, _ground_down_m(ekf, home))
+
+    def cautions(
+        self, estimate: Estimate, ekf: GpsGlobalOrigin | None, home: HomePosition | None
+    ) -> tuple[Caution, ...]:
+        """What must be known before a flight from here, and forbids none; nothing before the origin is."""
+        origin = self.find_origin(estimate.pose.position, ekf, home)
+        if isinstance(origin, str):
+            return ()
+        return self.handler.cautions(estimate, origin, _ground_down_m(ekf, home))
 
     def start_error_m(self, position_ned_m: Vec3, origin_ned_m: Vec3) -> float:
         """|x - r| where the flight begins or goes on, in the plane for a planar vehicle."""
@@ -279,6 +277,11 @@ class Tracker:
     def neutral(self, estimate: Estimate) -> Outgoing:
         """What asks the vehicle to stay as it is."""
         return outgoing(self._profile, self.handler.neutral(estimate), self._speed_at_full_thrust_m_s)
+
+
+def _ground_down_m(ekf: GpsGlobalOrigin | None, home: HomePosition | None) -> float | None:
+    """Of home, in the vehicle's local frame; None if it is not known."""
+    return None if ekf is None or home is None else (ekf.altitude - home.altitude) * 1e-3
 
 
 def is_usable(solution: Solution) -> bool:

@@ -114,17 +114,31 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
     [
         (
             (),
-            {"COM_OF_LOSS_T": 0.4},
-            Verdict.FAIL,
-            "0.4 s, needs at least 1",
+            {"COM_OF_LOSS_T": 0.5},
+            Verdict.WARN,
+            "0.5 s, needs at least 1",
             "set COM_OF_LOSS_T to at least 1: ",
         ),
         (
             (),
             {"COM_OF_LOSS_T": 30.0},
-            Verdict.FAIL,
+            Verdict.WARN,
             "30 s, needs at most 2",
             "set COM_OF_LOSS_T to at most 2: ",
+        ),
+        (
+            (),
+            {"COM_OF_LOSS_T": 0.0},
+            Verdict.FAIL,
+            "0 s, which cannot be: 0.2 to 60 may",
+            "set COM_OF_LOSS_T to what the vehicle can do: ",
+        ),
+        (
+            (),
+            {"UUV_THRUST_SAT": 0.1},
+            Verdict.WARN,
+            "0.1, needs at least 1",
+            "set UUV_THRUST_SAT to at least 1: thrust is cut off here",
         ),
         ((), {"COM_OBL_RC_ACT": 7}, Verdict.WARN, "7: disarm", "that is what the autopilot does when"),
         ((), {"COM_OBL_RC_ACT": 99}, Verdict.WARN, "99: a meaning that is not known here", "look it up in"),
@@ -169,13 +183,16 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
             "set ATC_ACCEL_MAX to at least 2, or limits.acceleration_max_m_s2 = 1: ",
         ),
         (RATED, {"FS_ACTION": 0}, Verdict.WARN, "0: nothing", "no failsafe of the autopilot's own"),
+        (RATED, {"FS_ACTION": 6}, Verdict.OK, "6: loiter or hold", ""),
+        (RATED, {"FS_EKF_ACTION": 0}, Verdict.WARN, "0: nothing", "it drives on when its estimator fails"),
+        (RATED, {"FS_EKF_ACTION": 1}, Verdict.OK, "1: hold", ""),
         (RATED, {"FS_GCS_ENABLE": 1}, Verdict.OK, "1: a lost ground station is a failsafe", ""),
         (
             RATED,
             {"MAV_OPTIONS": 1},
-            Verdict.WARN,
-            "1: heard from MAV_GCS_SYSID only",
-            "only the system ids of",
+            Verdict.OK,
+            "1: only MAV_GCS_SYSID and the vehicle's own id are heard",
+            "",
         ),
     ],
     ids=lambda value: "".join(f"{k}={v}" for k, v in value.items()) if isinstance(value, dict) else "",
@@ -200,7 +217,7 @@ def test_a_parameter_that_the_autopilot_lacks_says_so_and_an_older_name_stands_i
     assert findings["WP_SPEED"].todo.startswith("is this the firmware that the profile is for? Thrust 1")
     assert findings["MAV_OPTIONS"].found == "the autopilot has no such parameter, and no SYSID_ENFORCE"
     bench.observation.parameters.values["SYSID_ENFORCE"] = 1.0
-    assert bench.findings()["SYSID_ENFORCE"].verdict is Verdict.WARN
+    assert bench.findings()["SYSID_ENFORCE"].verdict is Verdict.OK
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf], ids=str)

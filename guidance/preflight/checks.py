@@ -47,6 +47,9 @@ CHECKS: Final = (
     Check("vehicle", "mode", Needs.AUTOPILOT, vehicle_checks.mode),
     Check("vehicle", "origin", Needs.AUTOPILOT, vehicle_checks.origin),
     Check("parameters", "parameters", Needs.AUTOPILOT, vehicle_checks.parameters),
+    Check("parameters", "limits", Needs.AUTOPILOT, vehicle_checks.limits),
+    Check("flight", "trajectory", Needs.AUTOPILOT, vehicle_checks.trajectory),
+    Check("orders", "orders", Needs.NOTHING, companion_checks.orders),
     Check("companion", "zenoh", Needs.NOTHING, companion_checks.telemetry),
     Check("companion", "log", Needs.NOTHING, companion_checks.log),
 )

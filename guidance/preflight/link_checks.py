@@ -149,7 +149,8 @@ def autopilot(seen: Seen) -> Iterator[Finding]:
 
 def signing(seen: Seen) -> Iterator[Finding]:
     """Both ends sign, or neither does; who may order should have to."""
-    link, commanders = seen.observation.link, seen.config.link.commands_from
+    link, config = seen.observation.link, seen.config.link
+    commanders = config.commands_from
     if link.signing is None and commanders:
         who = " or ".join(map(str, commanders))
         yield warn(
@@ -173,7 +174,10 @@ def signing(seen: Seen) -> Iterator[Finding]:
             "who else sends on this line? Packets that come twice are refused too (signature_replayed)",
         )
     else:
-        yield ok("signing", "both ends sign, by one key")
+        yield ok("signing", f"both ends sign, by one key ({config.signing_key_file})")
+    if link.signing is not None:
+        signers = ", ".join(f"{system}/{component}" for system, component in link.signing.signers)
+        yield ok("signers", f"{signers or 'nobody yet'}; this service signs as link {config.signing_link_id}")
 
 
 def profile(seen: Seen) -> Iterator[Finding]:

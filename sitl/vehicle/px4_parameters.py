@@ -32,6 +32,8 @@ UUV: Final = {
     "SYS_AUTOSTART": Parameter(60000, INT32),
     "UUV_PITCH_P": Parameter(4.0),
     "UUV_ROLL_P": Parameter(4.0),
+    "UUV_THRUST_SAT": Parameter(1.0),
+    "UUV_TORQUE_SAT": Parameter(1.0),
     "UUV_YAW_P": Parameter(4.0),
 }
 _FLYING: Final = {

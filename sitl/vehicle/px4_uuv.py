@@ -28,7 +28,9 @@ class Px4Uuv(Px4):
     def offboard(self, target: Target | None, state: BodyState) -> Control:
         if not isinstance(target, AttitudeTarget):
             return STOP
-        speed = _finite(target.thrust) * self.options.speed_at_full_thrust_m_s
+        most = self.parameters["UUV_THRUST_SAT"]
+        thrust = min(max(_finite(target.thrust), -most), most)
+        speed = thrust * self.options.speed_at_full_thrust_m_s
         # A rate that is not a number reaches no actuator.
         p, q, r = (_finite(rate) for rate in target.body_rates_frd_rad_s)
         if target.attitude_wxyz is not None:

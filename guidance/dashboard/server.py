@@ -12,11 +12,11 @@ import contextlib
 import logging
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
 from importlib import resources
 from ipaddress import ip_address
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 import msgspec
@@ -30,8 +30,7 @@ from guidance.dashboard.orders import OFF, VERBS, Order, See, answer, answered, 
 from guidance.dashboard.pages import Page
 from guidance.dashboard.rows import TICK_HZ
 from guidance.dashboard.said import fleet_told, takes_orders, trajectories_told
-from guidance.telemetry.arrivals import VEHICLE
-from guidance.telemetry.subscriber import Subscriber
+from guidance.telemetry.arrivals import VEHICLE, Arrival
 
 #: Words are told so seldom, in turns; a change of who is heard is told at once.
 TELL_TURNS: Final = TICK_HZ // 5
@@ -52,6 +51,17 @@ _POLICY: Final = (
 
 class DashboardError(Exception):
     """The dashboard cannot run; the text says why and what to do."""
+
+
+class Network(Protocol):
+    """Where records come from and orders go to: `telemetry.subscriber.Subscriber`."""
+
+    trouble: str
+    neighbours: int
+
+    def take(self) -> list[Arrival]: ...
+    def history(self, vehicle: str) -> None: ...
+    def ask(self, vehicle: str, verb: str, fields: Mapping[str, Any], source: str = "") -> str: ...
 
 
 class File(NamedTuple):
@@ -102,24 +112,24 @@ class _Open:
 
 
 class Dashboard:
-    """Serves pages what a subscriber brings.
+    """Serves pages what the network brings.
 
     Args:
-        subscriber: started; its vehicles are shown, and get the orders.
+        network: its vehicles are shown, and get the orders.
         commands: whether pages may give orders.
         names: host names, beside its own, under which this machine is reached.
     """
 
     def __init__(
         self,
-        subscriber: Subscriber,
+        network: Network,
         *,
         commands: bool,
         names: Sequence[str] = (),
         clock_ns: Callable[[], int] = time.monotonic_ns,
         unix_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._subscriber = subscriber
+        self._network = network
         self._commands = commands
         self._names = names
         self._clock_ns = clock_ns
@@ -130,7 +140,7 @@ class Dashboard:
         self._turns = 0
         self._contacts: list[tuple[str, str]] = []
         self._encode = msgspec.json.Encoder().encode
-        self.hub = Hub(subscriber.history)
+        self.hub = Hub(network.history)
 
     async def run(
         self, host: str, port: int, up: Callable[[int], None], stopping: Callable[[], bool]
@@ -171,7 +181,7 @@ class Dashboard:
     def turn(self, now_ns: int) -> None:
         """Once: what has arrived becomes what pages are owed."""
         hub = self.hub
-        for came in hub.turn(self._subscriber.take(), now_ns):
+        for came in hub.turn(self._network.take(), now_ns):
             if (given := self._given.pop(came.id, None)) is not None:
                 given[0].page.owe_answer(answered(given[1], came))
         contacts = [(seen.vehicle, str(seen.contact)) for seen in hub.seen]
@@ -196,10 +206,8 @@ class Dashboard:
 
     def _fleet_told(self) -> bytes:
         offset_ns = self._unix_ns() - self._clock_ns()
-        subscriber, hub = self._subscriber, self.hub
-        return self._encode(
-            fleet_told(hub.fleet, hub.seen, subscriber.trouble, subscriber.neighbours, offset_ns)
-        )
+        network, hub = self._network, self.hub
+        return self._encode(fleet_told(hub.fleet, hub.seen, network.trouble, network.neighbours, offset_ns))
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """None lets a WebSocket through."""
@@ -275,7 +283,7 @@ class Dashboard:
         if not takes_orders(self.hub.fleet, self.hub.watched, order.vehicle):
             return f"{order.vehicle[:64]} takes no orders by zenoh (zenoh.commands in its configuration)"
         try:
-            given = self._subscriber.ask(order.vehicle, order.verb, order.fields, "dashboard")
+            given = self._network.ask(order.vehicle, order.verb, order.fields, "dashboard")
         except (ValueError, TypeError) as error:
             return str(error)
         self._given[given] = (opened, order)

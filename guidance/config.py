@@ -19,7 +19,7 @@ from guidance.airplane_config import AirplaneConfig, airspeed_conflicts
 from guidance.checking import ConfigError as ConfigError  # raised here, so found here
 from guidance.checking import Places, Problem, named, one_of, override, problems, shown
 from guidance.connection import parse_connection as parse_connection
-from guidance.copter_config import CopterConfig
+from guidance.copter_config import CopterConfig, rate_conflicts
 from guidance.feasibility import infeasible
 from guidance.guard_limits import GuardsConfig, guard_conflicts
 from guidance.handling_config import ExcitationConfig, GroundConfig
@@ -210,7 +210,8 @@ def checked(config: Config) -> Config:
 def profile_of(config: Config) -> Profile:
     """The row that a checked configuration names."""
     profile = PROFILES[config.vehicle.profile]
-    return profile.by_rates() if config.airplane.output == "rates" else profile
+    by_rates = "rates" in (config.airplane.output, config.copter.output)
+    return profile.by_rates() if by_rates else profile
 
 
 def to_json(config: Config) -> str:
@@ -260,6 +261,8 @@ def _profile_conflicts(config: Config, profile: Profile) -> Iterator[Problem]:
         yield Problem("airplane.output", f' = "rates": {profile.name} takes none; must be "attitude"')
     if profile.handling is not Handling.VELOCITY and config.copter != CopterConfig():
         yield Problem("copter", f": {profile.name} is no copter; leave the section out")
+    if config.copter.output == "rates":
+        yield from rate_conflicts(config.copter, config.limits, config.link.rate_hz)
     if profile.asked is Asked.VELOCITY_YAW_RATE and profile.planar and not config.ground.enabled:
         yield Problem(
             "ground.enabled",

@@ -17,6 +17,7 @@ import msgspec
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.cautions import Cautions
 from guidance.commanding import command_of
 from guidance.commands import Order, text_of
 from guidance.component import shown
@@ -94,9 +95,10 @@ class Guide:
         self._line = LineWatch(self.connection, config.link.rate_hz, wanted)
         self._estimator = Estimator(self.profile.project)
         self.fitting = Fitting(config, self.profile, self.link, self.tracker)
+        self.cautions = Cautions()
         self.guards = Guards(config, self.profile, self.link, self.tracker)
         self.steering = Steering(
-            config, self.profile, self.connection, self.link, self.tracker, self._estimator, self.guards
+            config, self.connection, self.link, self.tracker, self._estimator, self.guards
         )
         self._news = News()
         self._told = Telling()
@@ -106,6 +108,7 @@ class Guide:
         self._watch_ns = 0
         self._reboots = 0
         self._words = Words()
+        self._asked = self.profile.asked
 
     # Inputs ------------------------------------------------------------------------------------------
 
@@ -271,8 +274,14 @@ class Guide:
             self._told.event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self.steering.basis(now_ns)
         engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
-        self._told.add(*self.fitting.look(now_ns, flying=self.engagement.state in _IN_FLIGHT))
+        flying = self.engagement.state in _IN_FLIGHT
+        self._told.add(*self.fitting.look(now_ns, flying=flying))
         unfit = self.fitting.unmet
+        if not flying and unfit is None:
+            for caution in self.cautions.look(self.tracker, self.link, estimate, now_ns):
+                text = f"before you fly: {caution.text}"
+                self._told.event(Level.WARNING, "caution", text, now_ns)
+                self.link.outbox.long_text(SEVERITY[Level.WARNING], text)
         blocked = first_unmet(
             self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging, unfit
         )
@@ -339,7 +348,14 @@ class Guide:
         if gap_s is not None:
             self._told.event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
         self._told.cadence.told("state", now_ns)
-        self._told.add(*setpoint_records(sent.estimate, sent.solution, sent.outgoing, self.setpoints_sent))
+        if sent.row.asked is not self._asked:
+            self._asked = sent.row.asked
+            text = f"setpoints ask for {self._asked} (type_mask {sent.row.type_mask:#04x})"
+            self._told.event(Level.NOTICE, "setpoint_row", text, now_ns)
+        made = setpoint_records(
+            sent.estimate, sent.solution, sent.outgoing, sent.row.type_mask, self.setpoints_sent
+        )
+        self._told.add(*made)
         self._told.stuck(None if sent.solution is None else sent.solution.flown.around, now_ns)
 
     def _tell_periodic(self, now_ns: int) -> None:
@@ -351,7 +367,8 @@ class Guide:
             estimate = self.steering.estimate(now_ns)
             return [] if isinstance(estimate, str) else [state_record(estimate)]
         if name == "status":
-            return [status_record(self.engagement, self.link, self.tracker, self.setpoints_sent, now_ns)]
+            standing, sent = self.cautions.standing, self.setpoints_sent
+            return [status_record(self.engagement, self.link, self.tracker, standing, sent, now_ns)]
         if name == "link":
             record = self._line.measured(link_record(self.link, now_ns), self.link)
             return [record, *self._line.news(record, self.link)]

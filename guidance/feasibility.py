@@ -131,6 +131,7 @@ def within_autopilot(abilities: GroundAbilities, values: Mapping[str, float]) ->
 
     a = abilities
     radius_m = values.get("TURN_RADIUS", 0.0)
+    gains_or_loses = min(("ATC_ACCEL_MAX", "ATC_DECEL_MAX"), key=lambda key: values.get(key) or math.inf)
     return a._replace(
         speed_m_s=tighter(a.speed_m_s, "WP_SPEED", 1.0),
         yaw_rate_rad_s=tighter(a.yaw_rate_rad_s, "ATC_STR_RAT_MAX", math.radians(1.0)),
@@ -139,7 +140,7 @@ def within_autopilot(abilities: GroundAbilities, values: Mapping[str, float]) ->
         radius_least_m=a.radius_least_m
         if a.radius_least_m.value > 0.0
         else Bound(radius_m, f"TURN_RADIUS {radius_m:g}"),
-        acceleration_m_s2=tighter(a.acceleration_m_s2, "ATC_ACCEL_MAX", 1.0, ACCELERATION_PART),
+        acceleration_m_s2=tighter(a.acceleration_m_s2, gains_or_loses, 1.0, ACCELERATION_PART),
     )
 
 

@@ -61,9 +61,9 @@ class Source(msgspec.Struct, frozen=True):
 class Seen(msgspec.Struct, frozen=True, kw_only=True):
     """One vehicle at one look; None is what is not known, or not known any more.
 
-    `quiet_s` is the time since anything came. `state`, `reason`, `armed` and `mode` of a vehicle that is not
-    live are the last ones said. `versions` are other schema versions than ours in which it publishes, and
-    `doubled` tells that two services publish under its name.
+    `quiet_s` is the time since anything came. `state`, `reason`, `armed`, `mode` and `cautions` of a vehicle
+    that is not live are the last ones said. `versions` are other schema versions than ours in which it
+    publishes, and `doubled` tells that two services publish under its name.
     """
 
     vehicle: str
@@ -73,6 +73,7 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
     reason: str | None = None
     armed: bool | None = None
     mode: str | None = None
+    cautions: tuple[str, ...] = ()
     error_m: float | None = None
     setpoint_rate_hz: float | None = None
     attitude: Source | None = None
@@ -169,7 +170,14 @@ class _Vehicle:
             doubled=self.doubled(now_ns),
         )
         if said is not None and (contact is not Contact.LIVE or self.fresh(Status, now_ns)):
-            seen = replace(seen, state=said.state, reason=said.reason, armed=said.armed, mode=said.mode)
+            seen = replace(
+                seen,
+                state=said.state,
+                reason=said.reason,
+                armed=said.armed,
+                mode=said.mode,
+                cautions=said.cautions,
+            )
         return self._with_figures(seen, now_ns) if contact is Contact.LIVE else seen
 
     def _with_figures(self, seen: Seen, now_ns: int) -> Seen:

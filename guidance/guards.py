@@ -19,15 +19,15 @@ from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config, profile_of
 from guidance.estimate import ATTITUDES, POSITIONS, Estimate, Reset
+from guidance.flying.channels import place_of
 from guidance.geofence import Fence
 from guidance.guard_limits import GuardsConfig, leaves_after_s
+from guidance.handling_config import ExcitationConfig
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Asked
-from guidance.se3 import Quaternion, Vec3, dot, norm, roll_of, rotate, scale, yaw_of
+from guidance.se3 import Quaternion, Vec3, dot, norm, roll_of, rotate, scale
 from guidance.tracker import Solution, is_usable
 from guidance.tune import room
-from guidance.tune.excitation import Box
-from guidance.tune.way_back import Place
 
 #: Commands below this part of the limits may well have no visible effect.
 _COMMANDED: Final = 0.25
@@ -136,7 +136,7 @@ def _fence(look: Look) -> str | None:
         if outside_m > 0.0:
             return f"{outside_m:.1f} m outside the fence"
     if look.config.excitation.runs:
-        return None if look.in_control else _without_room(look.fence, look.config.excitation.box, look.state)
+        return None if look.in_control else _without_room(look.fence, look.config.excitation, look.state)
     if look.origin_ned_m is None:
         return None
     ahead_s = look.guards.fence_ahead_s if look.in_control else look.guards.fence_plan_s
@@ -146,12 +146,11 @@ def _fence(look: Look) -> str | None:
     return None if after_s is None else f"the trajectory leaves the fence in {after_s:.0f} s"
 
 
-def _without_room(fence: Fence, box: Box, state: Estimate | str) -> str | None:
+def _without_room(fence: Fence, steps: ExcitationConfig, state: Estimate | str) -> str | None:
     if isinstance(state, str):
         return None
-    at = state.pose.position
-    place = Place(at.x, at.y, yaw_of(state.pose.attitude))
-    outside_m = room.outside_m(fence, box, place, at.z)
+    box, place = steps.box, place_of(state, steps.way)
+    outside_m = room.outside_m(fence, box, place, state.pose.position.z)
     if outside_m == 0.0:
         return None
     return (

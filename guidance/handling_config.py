@@ -6,11 +6,11 @@ parameters. Switched off are a function's numbers that are 0.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from guidance.tune.excitation import SPEED, YAW_RATE, Box, Run
+from guidance.tune.excitation import CHANNELS, Box, Run
 from guidance.tuning import NonNegative, Positive, Section
 
 
@@ -36,18 +36,25 @@ class ExcitationConfig(Section, frozen=True, kw_only=True):
 
     Runs start from one place, at rest, to which the law leads back at `back_m_s` with turns of
     `back_radius_m`, straight for the last `back_straight_m`; from that speed it comes to rest within
-    `stop_m`. All of it stays in `box`.
+    `stop_m`. All of it stays in `box`. What `flies` is never at rest, and its first run begins
+    `back_straight_m` ahead of where it is engaged; `back_m_s` is its airspeed, `fastest_m_s` its greatest,
+    and the room is counted for a wind of `wind_max_m_s`. What `hovers` goes back by itself, and its box is
+    along north.
     """
 
     runs: tuple[Run, ...] = ()
+    way: Literal["drives", "flies", "hovers"] = "drives"
     box: Box = Box(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     back_m_s: float = 0.0
     back_radius_m: float = 0.0
     back_straight_m: float = 0.0
     stop_m: float = 0.0
+    fastest_m_s: float = 0.0
+    wind_max_m_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(run.holds and run.channel in (YAW_RATE, SPEED) for run in self.runs):
+        if not all(run.holds and run.channel in CHANNELS for run in self.runs):
             raise ValueError("a run without holds, or of no channel that can be stepped")
-        if self.runs and not (self.back_m_s > 0.0 and self.back_radius_m > 0.0):
+        needed = self.back_m_s > 0.0 and self.back_radius_m > 0.0
+        if self.runs and self.way != "hovers" and not needed:
             raise ValueError("steps without a way back")

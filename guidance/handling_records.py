@@ -62,7 +62,8 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
 class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """One step of a tuning flight (`guidance.flying.excited`): `into_s` into `phase` of `run`.
 
-    While it is "stepping", `channel` is measured: `measured` at `measured_ns`.
+    While it is "stepping", `channel` is measured: `measured` at `measured_ns`, which changes by `push` each
+    second for other reasons than the command.
     """
 
     run: str
@@ -71,6 +72,7 @@ class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     channel: str = ""
     measured: float = 0.0
     measured_ns: int = 0
+    push: float = 0.0
 
 
 class VelocityHandling(Record, frozen=True, kw_only=True, gc=False):
@@ -79,6 +81,9 @@ class VelocityHandling(Record, frozen=True, kw_only=True, gc=False):
     `wanted_ned_m_s` is the field within the limits; what is asked for leads it. The nose is sought at
     `heading_rad`. The air takes `drag_per_s` of the velocity through it, as learned. The trajectory's clock
     runs at `clock_rate` and is `waited_s` behind the flight's. `stuck`: it is asked to fly and does not move.
+
+    The rest is of `output = "rates"` (`guidance.handling.copter_rates`): what is held against the wind, the
+    hover thrust over the one that the autopilot tells, as learned, and what is at its end.
     """
 
     wanted_ned_m_s: Triple
@@ -87,3 +92,7 @@ class VelocityHandling(Record, frozen=True, kw_only=True, gc=False):
     clock_rate: float
     waited_s: float
     stuck: bool
+    held_ned_m_s2: Triple = (0.0, 0.0, 0.0)
+    hover_part: float = 1.0
+    tilt_limited: bool = False
+    thrust_limited: bool = False

@@ -71,7 +71,8 @@ def said(error: Exception) -> str:
 
 
 class LearnedFile:
-    """What flights have taught of a vehicle, from one process to the next (`airplane.trims_file`)."""
+    """What flights have taught of a vehicle, from one process to the next (`airplane.trims_file`,
+    `copter.hover_file`)."""
 
     def __init__(self, path: Path) -> None:
         self._file = KeptFile(path)
@@ -106,5 +107,5 @@ class LearnedFile:
 
 def open_learned(config: Config) -> LearnedFile | None:
     """The file that the configuration names, None if it names none."""
-    name = config.airplane.trims_file
+    name = config.airplane.trims_file or config.copter.hover_file
     return LearnedFile(Path(name)) if name else None

@@ -90,11 +90,12 @@ def first_unmet(
     if tracker.start_ns is None:
         error_m = tracker.start_error_m(position, origin)
         limit_m = config.supervisor.engage_max_error_m
-        if error_m > limit_m:
+        # an airplane's steps are flown from wherever it is, and held ones, too
+        if error_m > limit_m and config.excitation.way != "flies":
             place = "the start" if tracker.paused_s is None else "where the flight was held"
             return f"{error_m:.1f} m from {place}, engage_max_error_m is {limit_m:g}: go closer"
         speed_m_s = norm(estimate.velocity_ned_m_s)
-        if config.excitation.runs and speed_m_s > STANDS_M_S:
+        if config.excitation.runs and config.excitation.way != "flies" and speed_m_s > STANDS_M_S:
             return f"it moves at {speed_m_s:.1f} m/s, and steps begin at rest: let it stand"
         if not engaging:
             for name, _ in profile.air[:1]:

@@ -118,7 +118,9 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
 
     `demanded_*` are (11) and (14) before, `body_rates_frd_rad_s` and `speed_m_s` after all limits.
     `neutral` marks a setpoint that asks for nothing (proof of life before tracking). `attitude_wxyz` is that
-    of an airplane, whose thrust is its throttle; `velocity_ned_m_s` is what vehicles are told that take one.
+    of an airplane, whose thrust is its throttle, or stands beside an underwater vehicle's rates;
+    `velocity_ned_m_s` is what vehicles are told that take one. `type_mask` is the message's: which of its
+    fields count; logs from before it was kept have none.
     """
 
     seq: int
@@ -132,6 +134,7 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     singular: bool
     attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)
     velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
+    type_mask: int | None = None
 
 
 class TrackingError(Record, frozen=True, kw_only=True, gc=False):
@@ -150,6 +153,8 @@ class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     `allocation` names the rates that turn the vehicle; it is left out while it is the paper's, as in logs
     from before it could be another.
 
+    `cautions` forbid no flight and are to be known before one; in a flight they are those of before it.
+
     `trajectory_start_ns` is the instant of t = 0 and `origin_ned_m` the trajectory's origin in the
     vehicle's local frame; both are set at the first tracking tick.
     """
@@ -164,6 +169,7 @@ class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     origin_ned_m: Triple | None
     setpoints_sent: int
     allocation: str = "pitch-yaw"
+    cautions: tuple[str, ...] = ()
 
 
 class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):

@@ -7,6 +7,7 @@ from typing import Final
 
 from guidance.engagement import Engagement
 from guidance.estimate import Estimate, Reset, Switch
+from guidance.flying import Caution
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.setpoints import Outgoing
 from guidance.records import Event, Level, Record, Reference, Setpoint, State, Status, TrackingError
@@ -51,6 +52,7 @@ def status_record(
     engagement: Engagement,
     link: AutopilotLink,
     tracker: Tracker,
+    cautions: Iterable[Caution],
     setpoints_sent: int,
     now_ns: int,
 ) -> Status:
@@ -68,6 +70,7 @@ def status_record(
         origin_ned_m=tracker.origin_ned_m,
         setpoints_sent=setpoints_sent,
         allocation=tracker.allocation,
+        cautions=tuple(caution.text for caution in cautions),
     )
 
 
@@ -129,7 +132,9 @@ class News:
         return Event(t_ns=now_ns, level=Level.WARNING, code="estimator_reset", text=str(happened))
 
 
-def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoing, seq: int) -> list[Record]:
+def setpoint_records(
+    estimate: Estimate, solution: Solution | None, out: Outgoing, type_mask: int, seq: int
+) -> list[Record]:
     """The state, and what was made of it; a neutral setpoint has no reference and no error."""
     t_ns = estimate.instant_ns
     made: list[Record] = [state_record(estimate)]
@@ -175,6 +180,7 @@ def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoin
             singular=singular,
             attitude_wxyz=out.attitude_wxyz,
             velocity_ned_m_s=out.velocity_ned_m_s,
+            type_mask=type_mask,
         )
     )
     if solution is not None and solution.flown.around is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import pairwise
 from math import ceil, degrees, floor, inf, isnan, log10, nan, sqrt
 from typing import Final, NamedTuple
 
@@ -44,7 +45,8 @@ class Shortfall(NamedTuple):
 
     Two are no reason to refuse: a corner, which no vehicle flies and who plans it knows (`needed` is its
     angle, `off_m` about how far a reference that does not wait runs away meanwhile); and an airspeed in a
-    wind for which the reference can wait or hasten, at `pace` of its speed.
+    wind for which the reference can wait or hasten, at `pace` of its speed there, and for
+    `waits_s` of a cycle.
 
     What would be feasible there: `speed_m_s`, over ground, at most this (of `is_least`: at least), or
     `radius_m`, of the turn, at least this at the planned speed; each without harm to what is met now. If it
@@ -63,6 +65,7 @@ class Shortfall(NamedTuple):
     over_s: float = nan
     off_m: float = nan
     pace: float = nan
+    waits_s: float = nan
     instead: str = ""
 
     @property
@@ -93,7 +96,8 @@ class Shortfall(NamedTuple):
 
     def _advice(self) -> tuple[str, ...]:
         if not isnan(self.pace):
-            return (f"the reference runs at {self.pace:.2g} of its speed there",)
+            for_s = f"for {self.waits_s:.2g} s of each round"
+            return (f"the reference runs at {self.pace:.2g} of its speed there, and off its plan {for_s}",)
         if self.over_s == inf:
             return ("leave out trajectory.stop_at_s",)
         if not isnan(self.over_s):
@@ -168,7 +172,8 @@ def _shortfalls(trajectory: Trajectory, abilities: Abilities, air: _Air) -> tupl
             calm = needs.of(at, ZERO, air.effectiveness)[n]
             pace = speed / needs.speed_m_s(at.velocity)
             if _met(kind, calm, bound.value) and abilities.clock_least <= pace <= abilities.clock_most:
-                shortfall = shortfall._replace(pace=pace)
+                waits_s = _unmet_s(trajectory, needs, n, bound.value, air)
+                shortfall = shortfall._replace(pace=pace, waits_s=waits_s)
         found.append(shortfall)
     if isinstance(abilities, AirplaneAbilities):
         found += _too_low(trajectory, abilities.floor_down_m)
@@ -189,6 +194,16 @@ def _worst(trajectory: Trajectory, needs: Needs, air: _Air) -> tuple[tuple[float
         first = next(i for i, other in enumerate(column) if abs(other - value) <= alike or other == value)
         worst.append((value, instants[first]))
     return tuple(worst)
+
+
+def _unmet_s(trajectory: Trajectory, needs: Needs, n: int, available: float, air: _Air) -> float:
+    """How long of a cycle the need `n` is not met."""
+    kind, instants = needs.kinds[n], looked_at(trajectory).instants
+    return sum(
+        after.time_s - before.time_s
+        for before, after in pairwise(instants)
+        if after.time_s <= trajectory.cycle_s and not _met(kind, needs.of(before, *air)[n], available)
+    )
 
 
 def _met(kind: Kind, value: float, available: float) -> bool:

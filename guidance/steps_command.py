@@ -14,10 +14,12 @@ from guidance.config import Config, ConfigError, load
 from guidance.records import Record
 from guidance.steps_flight import fly
 from guidance.steps_log import NoStepsError, read_log, results_of
-from guidance.steps_plan import known, planned
+from guidance.steps_plan import planned, proposed
+from guidance.steps_runs import check_steps
+from guidance.steps_vehicle import told_by_autopilot
 from guidance.telemetry.log import NotALog
 from guidance.tune.identify import Identified
-from guidance.tune.propose import ground_lines, toml
+from guidance.tune.propose import toml
 from guidance.tune.report import as_json as json_of
 from guidance.tune.report import show
 
@@ -38,7 +40,9 @@ def fly_and_tell(
 ) -> int:
     """Of the configuration in a file; the exit status."""
     try:
-        plan = planned(load(path, overrides), speed_m_s)
+        config = load(path, overrides)
+        check_steps(config)
+        plan = planned(config, speed_m_s, told_by_autopilot(config, wait_s))
         _say(plan.text)
         if not (yes or _consents()):
             _say("guidance tune: not flown")
@@ -71,7 +75,7 @@ def told(config: Config, records: Iterable[Record], output: Path | None, *, as_j
     """Identify and propose: the report on stdout, with JSON there on stderr; 0 if nothing was refused."""
     results = results_of(config, records)
     found = [isinstance(result, Identified) for result in results.values()]
-    lines = ground_lines(results, known(config)) if any(found) else ()
+    lines = proposed(config, results) if any(found) else ()
     console = Console(stderr=as_json, soft_wrap=True, highlight=False)
     console.width = max(console.width, WIDTH)  # figures that are cut off are none
     show(results, lines, console)

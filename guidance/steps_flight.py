@@ -13,7 +13,7 @@ import msgspec
 
 from guidance.commands import Shutdown
 from guidance.config import Config
-from guidance.flying.excited import Phase
+from guidance.flying.around import Phase
 from guidance.records import TOPICS, Answer, Event, Level, Record, Session, Status, Stepping
 from guidance.requests import ENGAGING
 from guidance.service import serve

@@ -8,15 +8,16 @@ from typing import Final
 
 import msgspec
 
-from guidance.config import Config, ConfigError, from_json
+from guidance.config import Config, ConfigError, from_json, profile_of
+from guidance.flying.around import Phase
 from guidance.flying.channels import sent
-from guidance.flying.excited import Phase
+from guidance.mavlink.profiles import Asked
 from guidance.records import NOT_A_RECORD, TOPICS, Record, Session, Setpoint, Stepping
 from guidance.telemetry.log import LogDamaged
 from guidance.telemetry.log_parts import PartMissing, read_run
 from guidance.telemetry.schema import RECORDS
 from guidance.tune.answer import Command, Sample
-from guidance.tune.excitation import SPEED, Run
+from guidance.tune.excitation import PITCH, ROLL, SPEED, THROTTLE, Run
 from guidance.tune.identify import Identified, Measurement, Refused, identified
 from guidance.tune.propose import Results
 
@@ -24,6 +25,8 @@ from guidance.tune.propose import Results
 NEEDED: Final = (TOPICS[Setpoint], TOPICS[Stepping])
 #: Of a run so much may be missing at its end: the periods of the slowest setpoints.
 MISSING_S: Final = 0.25
+#: At rest they are not what is asked for: an airplane has trims.
+_TRIMMED: Final = frozenset({ROLL, PITCH, THROTTLE})
 
 
 class NoStepsError(Exception):
@@ -46,7 +49,7 @@ class _Flown:
         self.commands.append(Command(arrived_s, sent(record.channel, setpoint)))
         seen_s = (record.measured_ns - self.zero_ns) * 1e-9
         if not self.samples or seen_s > self.samples[-1].at_s:  # else nothing new was measured
-            self.samples.append(Sample(seen_s, record.measured))
+            self.samples.append(Sample(seen_s, record.measured, record.push))
 
 
 def results_of(config: Config, records: Iterable[Record]) -> Results:
@@ -69,7 +72,11 @@ def results_of(config: Config, records: Iterable[Record]) -> Results:
             if attempt is None or record.into_s < attempt.until_s:  # the first, or anew after a hold
                 attempt = flown[record.run] = _Flown(record.t_ns)
             attempt.take(record, newest, delay_ns)
-    return {run.channel: _answer(run, flown.get(run.name)) for run in runs.values()}
+    # PX4's rovers hold their speed by an integral that remembers minutes
+    trimmed = _TRIMMED | ({SPEED} if profile_of(config).asked is Asked.VELOCITY_YAW_RATE else set())
+    return {
+        run.channel: _answer(run, flown.get(run.name), offset=run.channel in trimmed) for run in runs.values()
+    }
 
 
 def read_log(path: Path) -> tuple[Config, list[Record]]:
@@ -98,10 +105,10 @@ def read_log(path: Path) -> tuple[Config, list[Record]]:
     return config, records
 
 
-def _answer(run: Run, flown: _Flown | None) -> Identified | Refused:
+def _answer(run: Run, flown: _Flown | None, *, offset: bool) -> Identified | Refused:
     if flown is None:
         return Refused("its run was not flown")
     if flown.until_s < run.lasts_s - MISSING_S:
         return Refused(f"its run ended after {flown.until_s:.1f} of {run.lasts_s:.1f} s")
     # an autopilot may lead its command of the speed
-    return identified(Measurement(flown.commands, flown.samples, led=run.channel == SPEED))
+    return identified(Measurement(flown.commands, flown.samples, offset, led=run.channel == SPEED))

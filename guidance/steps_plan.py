@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import pi
 from typing import Final, NamedTuple
 
@@ -9,29 +10,14 @@ from msgspec.structs import replace
 
 from guidance.config import Config, ConfigError, checked, profile_of
 from guidance.handling_config import ExcitationConfig
-from guidance.mavlink.profiles import Asked
+from guidance.mavlink.profiles import Handling
+from guidance.steps_runs import excitation_of, radius_of
 from guidance.trajectory import Line
 from guidance.tune import room
-from guidance.tune.excitation import Box, Ground, Run, ground_runs, space_needed
-from guidance.tune.propose import Known
-from guidance.tune.way_back import Place, with_ways_back
-
-#: Without a speed of the operator's: this part of the highest, m/s at most.
-SPEED_PART: Final = 0.5
-SPEED_M_S: Final = 2.0
-CRAWL_PART: Final = 0.4
-#: Where none is configured.
-ACCELERATION_M_S2: Final = 1.0
-#: The way back: at this part of the cruise, its turns within this part of the yaw rate, and sideways m/s^2.
-BACK_PART: Final = 0.75
-TURN_PART: Final = 0.5
-LATERAL_M_S2: Final = 1.0
-#: How much wider than its tightest turn.
-WIDER: Final = 2.0
-#: Stopping begins so late, s, beside the configured delay.
-LAG_S: Final = 0.3
-#: Straight before the start, s at the way back's speed, so that the heading settles.
-STRAIGHT_S: Final = 2.0
+from guidance.tune.excitation import Run
+from guidance.tune.propose import Known, Results, airplane_lines, copter_lines, ground_lines
+from guidance.tune.propose import Line as Proposed
+from guidance.tune.way_back import Place
 
 
 class Plan(NamedTuple):
@@ -41,34 +27,40 @@ class Plan(NamedTuple):
     text: str
 
 
-def planned(config: Config, speed_m_s: float | None = None) -> Plan:
-    """The tuning flight of a checked configuration, at this cruising speed.
+def planned(
+    config: Config, speed_m_s: float | None = None, values: Mapping[str, float] | None = None
+) -> Plan:
+    """The tuning flight of a checked configuration, at this cruising speed; `values` are the autopilot's
+    parameters, in its units.
 
     Raises:
         ConfigError: there are no steps for the profile, the speed is beyond its limits, or there is no fence.
     """
-    profile = profile_of(config)
-    if profile.asked is not Asked.YAW_RATE_SPEED:
-        raise ConfigError(
-            f"vehicle.profile = {profile.name}: there are tuning flights only of vehicles that are asked for "
-            f"{Asked.YAW_RATE_SPEED} (ardupilot-rover); this one is asked for {profile.asked}"
-        )
-    if config.ground.turning_radius_m is None:
-        raise ConfigError(
-            "ground.turning_radius_m: must be set for this flight, which is planned before the autopilot "
-            "tells its own: the radius of the tightest circle in m (TURN_RADIUS), 0 if it turns at rest"
-        )
-    excitation = _ground(config, speed_m_s)
+    profile, values = profile_of(config), values or {}
+    excitation = excitation_of(config, profile, values, speed_m_s)
     guards = config.guards
     if not (guards.fence_ned_m or guards.fence_deg):
-        raise ConfigError(_without_fence(excitation.box))
+        raise ConfigError(_without_fence(excitation))
+    radius_m = radius_of(config, profile, values)
     flown = replace(
         config,
         excitation=excitation,
         flight=replace(config.flight, origin="engage"),
-        trajectory=Line(speed_m_s=0.001),  # it is not followed: the flight begins where the vehicle is
+        ground=config.ground if radius_m is None else replace(config.ground, turning_radius_m=radius_m),
+        # it is not followed: the flight begins where the vehicle is
+        trajectory=Line(speed_m_s=excitation.back_m_s if excitation.way == "flies" else 0.001),
     )
     return Plan(checked(flown), _announced(excitation))
+
+
+def proposed(config: Config, results: Results) -> tuple[Proposed, ...]:
+    """Lines for this vehicle's configuration, by what its steps showed."""
+    match profile_of(config).handling:
+        case Handling.AIRPLANE:
+            return airplane_lines(results, config.excitation.back_m_s)
+        case Handling.VELOCITY:
+            return copter_lines(results, known(config))
+    return ground_lines(results, known(config))
 
 
 def known(config: Config) -> Known:
@@ -82,40 +74,31 @@ def known(config: Config) -> Known:
     )
 
 
-def _ground(config: Config, speed_m_s: float | None) -> ExcitationConfig:
-    limits = config.limits
-    top = min(limits.speed_max_m_s, config.vehicle.speed_at_full_thrust_m_s)
-    cruise = min(SPEED_M_S, SPEED_PART * top) if speed_m_s is None else speed_m_s
-    if not 0.0 < cruise <= top:
-        raise ConfigError(f"--speed {cruise:g}: must be above 0 and at most {top:g}, its highest speed (m/s)")
-    acceleration = limits.acceleration_max_m_s2 or ACCELERATION_M_S2
-    radius = config.ground.turning_radius_m or 0.0
-    turn = limits.yaw_rate_max_rad_s
-    runs = ground_runs(Ground(cruise, CRAWL_PART * cruise, top, turn, acceleration, radius))
-    back = BACK_PART * cruise
-    wide = max(WIDER * radius, back / (TURN_PART * turn), back * back / LATERAL_M_S2)
-    straight = STRAIGHT_S * back
-    box = with_ways_back(space_needed(runs, 0.0), runs[:-1], wide, straight)
-    return ExcitationConfig(
-        runs=runs,
-        box=box._replace(up_m=0.0, down_m=0.0),
-        back_m_s=back,
-        back_radius_m=wide,
-        back_straight_m=straight,
-        stop_m=back * (0.5 * back / acceleration + config.link.actuation_delay_s + LAG_S),
-    )
-
-
 def _announced(excitation: ExcitationConfig) -> str:
+    way = excitation.way
     lines = ["This flight asks the vehicle for steps, one channel at a time, without the law:"]
     lines += [f"  {run.name}: {_sizes(run)}, {run.lasts_s:.0f} s" for run in excitation.runs]
-    lines.append(
-        f"Between them it drives back to where it began, at {excitation.back_m_s:.2g} m/s. All of it takes "
-        f"about {_about_s(excitation):.0f} s."
-    )
-    lines.append(f"It needs {room.in_words(excitation.box)} of where it stands, along its heading.")
+    between = {
+        "drives": f"Between them it drives back to where it began, at {excitation.back_m_s:.2g} m/s.",
+        "hovers": "Between them it goes back to where it began. Let it hover there before you engage.",
+        "flies": f"It is engaged in level flight. Between them it flies level, at an airspeed of "
+        f"{excitation.back_m_s:.3g} m/s, and turns back to where it began; the stall guard and the floor "
+        "end a run.",
+    }[way]
+    lines.append(f"{between} All of it takes about {_about_s(excitation):.0f} s.")
+    lines.append(f"It needs {room.in_words(excitation.box)} of {_where(excitation)}.")
     lines.append("Your mode switch ends it at any time; the fence and all other guards act.")
     return "\n".join(lines)
+
+
+def _where(excitation: ExcitationConfig) -> str:
+    """What the room is measured from."""
+    return {
+        "drives": "where it stands, along its heading",
+        "hovers": "where it hovers, ahead being north",
+        "flies": f"where it is engaged, along its course, in a wind of {excitation.wind_max_m_s:.2g} m/s at "
+        "most",
+    }[excitation.way]
 
 
 def _sizes(run: Run) -> str:
@@ -130,15 +113,17 @@ _UNITS: Final = {"_rad_s": "rad/s", "_m_s": "m/s", "_rad": "rad"}
 
 
 def _about_s(excitation: ExcitationConfig) -> float:
+    """A way back ends at rest, or is that of a copter, a few seconds."""
     back_m = excitation.box.ahead_m + 2.0 * pi * excitation.back_radius_m
+    back_s = back_m / excitation.back_m_s if excitation.back_m_s else 0.0
     ways = len(excitation.runs) - 1
-    return sum(run.lasts_s for run in excitation.runs) + ways * (back_m / excitation.back_m_s + 5.0)
+    return sum(run.lasts_s for run in excitation.runs) + ways * (back_s + 5.0)
 
 
-def _without_fence(box: Box) -> str:
+def _without_fence(excitation: ExcitationConfig) -> str:
     start = Place(0.0, 0.0, 0.0)
     return (
         f"guards.fence_ned_m: there is no fence, and steps are flown inside one only. They need "
-        f"{room.in_words(box)} of where the vehicle stands, along its heading. From the autopilot's local "
-        f"origin, heading north, that is\n{room.fence_in_words(box, start)}"
+        f"{room.in_words(excitation.box)} of {_where(excitation)}. From the autopilot's local origin, "
+        f"heading north, that is\n{room.fence_in_words(excitation.box, start)}"
     )

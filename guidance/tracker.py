@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from guidance.abilities import GroundAbilities
 from guidance.blending import (
     NO_OFFSET,
     NO_TURN,
@@ -20,11 +19,10 @@ from guidance.blending import (
 )
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.feasibility import abilities_of, unflyable, within_autopilot
-from guidance.flying import Flown
+from guidance.flying import Caution, Flown
 from guidance.flying.choice import handler_of
 from guidance.law import Evaluation, planar
-from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
+from guidance.mavlink.messages import AutopilotVersion, GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import Profile
 from guidance.mavlink.setpoints import Outgoing, outgoing
 from guidance.prediction import NOTHING_SENT, History, sent
@@ -90,6 +88,7 @@ class Tracker:
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
+        self._row = profile
         self._forget_resets()
 
     def _forget_resets(self) -> None:
@@ -109,8 +108,17 @@ class Tracker:
         """The setpoints of this flight, none before and after it."""
         return NOTHING_SENT if self.start_ns is None else self._history
 
+    def row_for(self, version: AutopilotVersion | None) -> Profile:
+        """The row by which setpoints go out from here on, of an autopilot of that version (None: not known).
+
+        Within a flight it never goes back from what moves every version to what moves only newer ones.
+        """
+        self._row = self._row.for_version(version)
+        return self._row
+
     def stop(self) -> None:
         """The flight is over; the next one starts anew."""
+        self._row = self._profile
         self.start_ns = None
         self.origin_ned_m = None
         self.paused_s = None
@@ -149,13 +157,6 @@ class Tracker:
         """What the autopilot's parameters say of the vehicle holds from here on; or why it must not be flown
         with them. They are by their newest names, in their units, and each by itself plausible."""
         self.full_thrust(values)
-        config, name = self._config, self._profile.full_thrust_parameter
-        if name in values:
-            known = values if config.ground.enabled else {name: values[name]}
-            own = abilities_of(config.limits, config.law, math.inf, self._profile.planar, config.ground)
-            if isinstance(own, GroundAbilities):
-                for problem in unflyable(config.trajectory, within_autopilot(own, known)):
-                    return f"{problem.key}{problem.text}"
         return self.handler.fit(values)
 
     def full_thrust(self, values: Mapping[str, float]) -> None:
@@ -171,9 +172,10 @@ class Tracker:
         without = cannot_allocate(name, self._config.limits, self._profile.planar)
         if without is not None:
             return f"limits.{without[0]} = {without[1]:g} leaves it without that rate"
-        self.allocation = name
-        self.handler.configure(self._config, self.origin_ned_m or ZERO, name)
-        return None
+        refused = self.handler.configure(self._config, self.origin_ned_m or ZERO, name)
+        if refused is None:
+            self.allocation = name
+        return refused
 
     def _blending(self) -> Blending:
         """By the limits, the law and the allocation as they now are: any may change in flight."""
@@ -214,10 +216,16 @@ class Tracker:
         """Why a flight must not begin now, as what flies the vehicle sees it; the origin must be known."""
         origin = self.find_origin(estimate.pose.position, ekf, home)
         assert isinstance(origin, Vec3)
-        ground_down_m = None
-        if ekf is not None and home is not None:
-            ground_down_m = (ekf.altitude - home.altitude) * 1e-3
-        return self.handler.unmet(estimate, origin, ground_down_m)
+        return self.handler.unmet(estimate, origin, _ground_down_m(ekf, home))
+
+    def cautions(
+        self, estimate: Estimate, ekf: GpsGlobalOrigin | None, home: HomePosition | None
+    ) -> tuple[Caution, ...]:
+        """What must be known before a flight from here, and forbids none; nothing before the origin is."""
+        origin = self.find_origin(estimate.pose.position, ekf, home)
+        if isinstance(origin, str):
+            return ()
+        return self.handler.cautions(estimate, origin, _ground_down_m(ekf, home))
 
     def start_error_m(self, position_ned_m: Vec3, origin_ned_m: Vec3) -> float:
         """|x - r| where the flight begins or goes on, in the plane for a planar vehicle."""
@@ -273,12 +281,17 @@ class Tracker:
             reference = blended(reference, self._offset)
         flown = self.handler.step(estimate, reference, dt_s)
         self._history = sent(self._history, estimate.instant_ns, flown.acting_rates_frd_rad_s)
-        out = outgoing(self._profile, flown.demand, self._speed_at_full_thrust_m_s)
+        out = outgoing(self._row, flown.demand, self._speed_at_full_thrust_m_s)
         return Solution(trajectory_s, self._offset.position, flown, out)
 
     def neutral(self, estimate: Estimate) -> Outgoing:
         """What asks the vehicle to stay as it is."""
-        return outgoing(self._profile, self.handler.neutral(estimate), self._speed_at_full_thrust_m_s)
+        return outgoing(self._row, self.handler.neutral(estimate), self._speed_at_full_thrust_m_s)
+
+
+def _ground_down_m(ekf: GpsGlobalOrigin | None, home: HomePosition | None) -> float | None:
+    """Of home, in the vehicle's local frame; None if it is not known."""
+    return None if ekf is None or home is None else (ekf.altitude - home.altitude) * 1e-3
 
 
 def is_usable(solution: Solution) -> bool:

@@ -22,11 +22,12 @@ def tune(
     ] = None,
     speed: Annotated[
         float | None,
-        typer.Option(help="Cruising speed of the steps, m/s.", show_default=False),
+        typer.Option(help="Speed of the steps, m/s; of an airplane its airspeed.", show_default=False),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask: you have read what it will do.")] = False,
     wait: Annotated[
-        float, typer.Option(min=1.0, max=3600.0, help="How long to wait until it is engaged, s.")
+        float,
+        typer.Option(min=1.0, max=3600.0, help="How long to wait for it, and until it is engaged, s."),
     ] = 300.0,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the proposal here, as TOML.")
@@ -35,9 +36,10 @@ def tune(
 ) -> None:
     """Measure how the vehicle answers steps, and propose gains and limits.
 
-    It says what it will do and how much room that needs, and asks. Then it is a flight as any other: it is
-    engaged as supervisor.engage says, your mode switch ends it, the fence and the other guards act, and it is
-    logged. It ends by itself in supervisor.exit_mode.
+    It reads the autopilot's parameters, says what it will do and how much room that needs, and asks. Then it
+    is a flight as any other: it is engaged as supervisor.engage says, your mode switch ends it, the fence and
+    the other guards act, and it is logged. It ends by itself in supervisor.exit_mode. Rovers, boats and
+    copters are engaged at rest, airplanes in level flight.
 
     Exit status 0 if every channel was identified, 1 if not, 2 for a wrong configuration, 130 after Ctrl-C.
 

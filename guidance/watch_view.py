@@ -94,6 +94,8 @@ def explanation(seen: Seen) -> str:
     if seen.state is not None:
         was = "" if seen.contact is Contact.LIVE else f"was {seen.state} ({_mode(seen)}): "
         parts.append(printable(f"{was}{seen.reason}"))
+        if seen.contact is Contact.LIVE:
+            parts += [printable(f"caution: {text}") for text in seen.cautions]
     elif not seen.versions:
         parts.append("nothing is known of it yet" if seen.contact is Contact.LIVE else "it never said a word")
     if seen.versions:

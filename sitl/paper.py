@@ -167,7 +167,7 @@ def error(problem: Problem, at: Sample) -> Vec3:
 
 
 def report(number: int, step_s: float = STEP_S, sample_s: float = SAMPLE_S) -> dict[str, Any]:
-    """Figure `number` as numbers, ready for JSON: `t`, `error`, `controls`, `parameters`; see the README.
+    """Figure `number` as numbers, ready for JSON: `t`, `error`, `controls`, `parameters`; see docs/law.md.
 
     Vectors have three components on SE(3) and two on SE(2), `controls` always four. Without a limit,
     a limit is None. Figure 4 has `reference` and `position` too.

@@ -14,8 +14,9 @@ from guidance.config import ConfigError, load
 from guidance.core import Guide
 from guidance.estimate import AttitudeSample, Estimate, PositionSample
 from guidance.flying.airplane import AIRSPEED_S, WIND_S, Airplane
-from guidance.flying.airplane_fit import thinness
+from guidance.flying.airplane_fit import ASKED_FOR, thinness
 from guidance.mavlink.air import VfrHud, Wind, WindCov
+from guidance.mavlink.profiles import PROFILES
 from guidance.se3 import IDENTITY, ZERO, Pose, Twist, Vec3
 from guidance.supervisor import State
 from tests.airplane_loop import Loop, settled
@@ -239,6 +240,12 @@ def test_orders_that_cannot_be_flown_are_refused_with_the_reason() -> None:
     _, answer = guide.orders.carry_out(Set(key="limits.speed_max_m_s", value=11.9), 0)
     assert not answer.accepted
     assert guide.orders.config is before
+
+
+def test_all_that_is_taken_of_the_autopilot_is_asked_for() -> None:
+    """What PX4 has a name for (`airplane_fit._NAMES`) is of use only if its profile has a row for it."""
+    rows = {name for row in PROFILES["px4-plane"].requirements for name in row.names}
+    assert {name for name in ASKED_FOR if name.startswith("FW_")} <= rows
 
 
 def test_over_the_link_it_waits_for_an_airspeed() -> None:

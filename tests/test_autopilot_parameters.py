@@ -13,6 +13,8 @@ import pytest
 
 from guidance.flying.airplane_fit import ASKED_FOR
 from guidance.handling import copter, rover_px4
+from guidance.mavlink.messages import ParamValue
+from guidance.mavlink.parameters import ParameterReader
 from guidance.mavlink.profiles import PROFILES
 from guidance.mavlink.requirements import (
     Grade,
@@ -30,8 +32,14 @@ RECORDED: Final[dict[str, dict[str, float]]] = json.loads(
 )
 CONFIG: Final = make_config()
 ROW: Final = Requirement(
-    "NEW_DEG", "so", unit="deg", older="OLD_CD", older_scale=0.01, plausible=(5.0, 80.0), required=True
+    "NEW_DEG", "so", unit="deg", older=("OLD_CD",), older_scale=0.01, plausible=(5.0, 80.0), required=True
 )
+
+
+def param_value(name: str, value: float) -> ParamValue:
+    """As ArduPilot sends it: whatever its type, the value as a float."""
+    return ParamValue(struct.pack("<f", value), name.encode(), 9)
+
 
 named = pytest.mark.parametrize("name", RECORDED)
 
@@ -52,7 +60,7 @@ def test_nothing_but_what_the_tables_name_is_kept(name: str) -> None:
 def test_the_units_of_older_names_are_those_of_the_newer() -> None:
     copter = values_of(PROFILES["ardupilot-copter"].requirements, RECORDED["ardupilot-copter"])
     assert (copter["WP_SPD"], copter["WP_SPD_UP"], copter["WP_SPD_DN"]) == (10.0, 2.5, 1.5)
-    assert (copter["WP_ACC"], copter["ATC_ANGLE_MAX"], copter["PSC_JERK_NE"]) == (2.5, 30.0, 5.0)
+    assert (copter["WP_ACC"], copter["ATC_ANGLE_MAX"], copter["PSC_NE_JERK"]) == (2.5, 30.0, 5.0)
     old = {"ARSPD_FBW_MIN": 9.0, "TRIM_ARSPD_CM": 1200.0, "ARSPD_FBW_MAX": 22.0, "LIM_ROLL_CD": 4500.0}
     old |= {"LIM_PITCH_MAX": 2000.0, "LIM_PITCH_MIN": -2500.0}
     assert values_of(PROFILES["ardupilot-plane"].requirements, old) == {
@@ -68,10 +76,10 @@ def test_the_units_of_older_names_are_those_of_the_newer() -> None:
 def test_no_limit_is_left_out() -> None:
     table = PROFILES["px4-rover"].requirements
     said = {"RO_SPEED_LIM": -1.0, "RO_ACCEL_LIM": 0.0, "RO_YAW_RATE_LIM": 90.0}
-    assert values_of(table, said) == {"RO_YAW_RATE_LIM": 90.0}
+    assert values_of(table, said) == {"RO_SPEED_LIM": -1.0, "RO_YAW_RATE_LIM": 90.0}
     assert values_of(table, {"GND_SPEED_MAX": 3.0}) == {"RO_SPEED_LIM": 3.0}
     (speed,) = (row for row in table if row.parameter == "RO_SPEED_LIM")
-    assert judged(speed, said, CONFIG) == Judged("RO_SPEED_LIM", Grade.GOOD, "no limit")
+    assert judged(speed, said, CONFIG).grade is Grade.BAD, "`runSanityChecks`: PX4 does not drive without one"
 
 
 @pytest.mark.parametrize(
@@ -150,6 +158,40 @@ def test_rows_are_whole(profile: object) -> None:
 )
 def test_what_is_recorded_as_used_is_used(name: str, taken: tuple[str, ...]) -> None:
     assert {row.parameter for row in PROFILES[name].requirements if row.used} <= set(taken)
+
+
+def test_what_is_taken_is_asked_for() -> None:
+    """RLL2SRV_RMAX was taken and never asked for."""
+    asked = set(names_of(PROFILES["ardupilot-plane"].requirements))
+    assert {name for name in ASKED_FOR if not name.startswith("FW_")} <= asked
+
+
+def test_a_copter_that_changes_its_names_again_is_known_by_each() -> None:
+    """PSC_JERK_XY of 4.6 is PSC_JERK_NE in 4.7.0 and PSC_NE_JERK from 4.7.1 on."""
+    table = PROFILES["ardupilot-copter"].requirements
+    for level, upright in (("XY", "Z"), ("NE", "D")):
+        told = {f"PSC_JERK_{level}": 6.0, f"PSC_JERK_{upright}": 7.0}
+        assert values_of(table, told) == {"PSC_NE_JERK": 6.0, "PSC_D_JERK": 7.0}
+    partners = partners_of(table)
+    assert partners["PSC_JERK_NE"] == ("PSC_NE_JERK", "PSC_JERK_XY")
+    reader = ParameterReader(["PSC_NE_JERK", "PSC_JERK_NE", "PSC_JERK_XY"], bytewise=False, partners=partners)
+    reader.take(param_value("PSC_JERK_XY", 6.0))
+    assert reader.complete
+    assert reader.due(0) == []
+
+
+def test_a_service_of_the_vehicles_own_system_is_heard_whoever_else_is_not() -> None:
+    """ArduPilot's `accept_packet`: a companion's system id is the vehicle's."""
+    (row,) = (row for row in PROFILES["ardupilot-rover"].requirements if row.parameter == "MAV_OPTIONS")
+    assert judged(row, {"MAV_OPTIONS": 1.0}, CONFIG).grade is Grade.GOOD
+    assert judged(row, {"SYSID_ENFORCE": 1.0}, CONFIG).grade is Grade.GOOD
+
+
+def test_an_airplane_that_takes_no_throttle_in_guided_is_refused() -> None:
+    """ArduPlane's `mode_guided.cpp`: a forced throttle counts where TRIM_THROTTLE is above 1 %."""
+    (row,) = (row for row in PROFILES["ardupilot-plane"].requirements if row.parameter == "TRIM_THROTTLE")
+    assert judged(row, {"TRIM_THROTTLE": 1.0}, CONFIG).grade is Grade.BAD
+    assert judged(row, {"TRIM_THROTTLE": 2.0}, CONFIG).grade is Grade.GOOD
 
 
 @pytest.mark.parametrize("bound", [0.01, 10.0])

@@ -382,8 +382,8 @@ def is_pair(value: object) -> bool:
     return isinstance(value, tuple) and len(value) == 2
 
 
-def test_the_plan_in_the_readme_has_every_key_with_its_default(tmp_path: Path) -> None:
-    blocks = (ROOT / "README.md").read_text(encoding="utf-8").split("```toml\n")[1:]
+def test_the_plan_in_the_results_has_every_key_with_its_default(tmp_path: Path) -> None:
+    blocks = (ROOT / "docs" / "results.md").read_text(encoding="utf-8").split("```toml\n")[1:]
     text = next(block.split("```")[0] for block in blocks if "off_deg" in block)
     (tmp_path / "plan.toml").write_text(text)
     assert read_plan(tmp_path / "plan.toml") == VehiclePlan(profile="ardupilot-rover")

@@ -9,7 +9,7 @@ from typing import Final
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from guidance.commands import Engage, LoadTrajectory
+from guidance.commands import LoadTrajectory
 from guidance.fitting import PATIENCE_NS, ROUND_NS
 from guidance.mavlink.profiles import PROFILES
 from guidance.records import Packet, Parameters, Setpoint
@@ -255,24 +255,32 @@ def test_a_trajectory_that_is_loaded_is_held_against_them() -> None:
     fly_until(flight, State.READY)
     fast = LoadTrajectory(trajectory={"name": "circle", "radius_m": 10.0, "speed_m_s": 3.0})
     flight.guide.command(fast, flight.now_ns)
-    flight.guide.command(Engage(), flight.now_ns)
     flight.run(0.5)
-    assert not flight.setpoint_times_ns
-    assert state_of(flight) is State.CONNECTED
-    assert "speed: 3 m/s needed at t = 0 s (north 10 m, east 0 m), 2 m/s available (WP_SPEED 2)" in (
-        flight.guide.engagement.reason
-    )
+    (refused,) = events_of(flight, "load_refused")
+    assert "speed: 3 m/s needed at t = 0 s (north 10 m, east 0 m), 2 m/s available (WP_SPEED 2)" in refused
+    assert state_of(flight) is State.READY, "what was loaded before flies"
 
 
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
-        ({"COM_OF_LOSS_T": 30.0}, "COM_OF_LOSS_T = 30 s, needs at most 2: set COM_OF_LOSS_T to at most 2: "),
+        (
+            {"COM_OF_LOSS_T": 0.1},
+            "COM_OF_LOSS_T = 0.1 s, which cannot be: 0.2 to 60 may: set COM_OF_LOSS_T to",
+        ),
         ({"MAV_FWDEXTSP": 0.0}, "MAV_FWDEXTSP = 0, needs 1: set MAV_FWDEXTSP to 1: without it setpoints"),
     ],
 )
 def test_what_is_serious_on_px4_keeps_it_from_engaging(parameters: dict[str, float], said: str) -> None:
     assert refused(make_flight(parameters=parameters)).startswith(said)
+
+
+@pytest.mark.parametrize("seconds", [0.5, 30.0])
+def test_a_simulator_at_another_speed_is_flown(seconds: float) -> None:
+    """PX4's `init.d-posix/rcS` sets COM_OF_LOSS_T to PX4_SIM_SPEED_FACTOR times 0.5 s (1.14, 1.15) or 1 s."""
+    flight = make_flight(parameters={"COM_OF_LOSS_T": seconds})
+    fly_until_tracking(flight)
+    assert [text[:13] for text in events_of(flight, "parameter")] == ["COM_OF_LOSS_T"]
 
 
 def test_what_is_doubtful_is_warned_of_once_and_flown() -> None:

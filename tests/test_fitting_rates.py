@@ -38,11 +38,17 @@ def test_airspeed_and_wind_reach_what_flies_and_nothing_else_does() -> None:
         mavlink.MAVLink_vfr_hud_message(12.5, 11.0, 90, 40, 100.0, 0.5),
         mavlink.MAVLink_wind_message(270.0, 5.0, -0.25),
         mavlink.MAVLink_wind_cov_message(0, 3.0, -4.0, 0.5, 0, 0, 0, 0, 0),
-        mavlink.MAVLink_vfr_hud_message(float("nan"), 11.0, 90, 40, 100.0, 0.5),
+        mavlink.MAVLink_vfr_hud_message(float("nan"), 11.0, 90, 40, 101.0, 0.5),
+        mavlink.MAVLink_vfr_hud_message(float("inf"), 11.0, 90, 40, 102.0, 0.5),
         mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, 50, 0, 0, 0, 0, 0, 0),
     ):
         flight.inject(sender.pack(message))
-    assert handler.bodies == [VfrHud(12.5, 100.0), Wind(270.0, 5.0, -0.25), WindCov(3.0, -4.0, 0.5)]
+    assert handler.bodies == [
+        VfrHud(12.5, 100.0),
+        Wind(270.0, 5.0, -0.25),
+        WindCov(3.0, -4.0, 0.5),
+        VfrHud(0.0, 101.0),
+    ], "PX4 without an airspeed sensor says NaN, and its height all the same"
     assert flight.guide.link.counters["VFR_HUD:not_finite"] == 1
 
 

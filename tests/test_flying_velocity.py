@@ -111,7 +111,7 @@ def test_the_loops_gains_are_the_autopilots() -> None:
     )
     assert p.response.level.lag_s == pytest.approx(0.5)
     assert p.response.level.washout_s == pytest.approx(6.0)
-    ardu = parameters(shipped("ardupilot-copter"), {**ARDUPILOT, "PSC_JERK_NE": 10.0})
+    ardu = parameters(shipped("ardupilot-copter"), {**ARDUPILOT, "PSC_NE_JERK": 10.0})
     assert ardu.response.level.lag_s == pytest.approx(0.25)
 
 

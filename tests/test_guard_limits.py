@@ -15,7 +15,7 @@ from tests.helpers import (
     make_config,
 )
 
-README: Final = Path(__file__).parents[1] / "README.md"
+PAGE: Final = Path(__file__).parents[1] / "docs" / "supervisor.md"
 
 
 def test_every_guard_has_an_action_and_every_key_belongs_to_one() -> None:
@@ -48,11 +48,11 @@ def test_a_fence_that_makes_no_sense_is_refused(settings: list[str], words: str)
         make_config("flight.origin=ekf", *(f"guards.{setting}" for setting in settings))
 
 
-def test_the_readme_shows_the_guards_as_they_are() -> None:
+def test_the_page_shows_the_guards_as_they_are() -> None:
     begin, end = "<!-- guards table: begin -->", "<!-- guards table: end -->"
-    readme = README.read_text(encoding="utf-8")
-    shown = readme.split(begin)[1].split(end)[0].strip()
-    assert shown == table_markdown().strip(), f"README.md should say:\n\n{table_markdown()}"
+    page = PAGE.read_text(encoding="utf-8")
+    shown = page.split(begin)[1].split(end)[0].strip()
+    assert shown == table_markdown().strip(), f"docs/supervisor.md should say:\n\n{table_markdown()}"
 
 
 def test_a_limit_on_the_delay_that_could_never_act_is_refused() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Final
 
 import pytest
@@ -28,7 +27,6 @@ from tests.helpers import (
 from tests.pilot import AUTO, BOTH, NAMES, PX4, tracking
 from tests.sent_setpoints import sent_setpoint
 
-README: Final = Path(__file__).parents[1] / "README.md"
 #: Below the band of depth in 20 s: the demo's helix goes down at 0.1 m/s.
 SHALLOW: Final = ("guards.fence_plan_s=0", "guards.fence_down_max_m=2.0")
 

@@ -13,6 +13,7 @@ import guidance
 from guidance.allocation import PITCH_YAW
 from guidance.config import load
 from guidance.flying.ground import ground_parameters
+from guidance.flying.ground_fit import ardupilot_allows
 from guidance.handling.ground import UNSTARTED, Demand, Measured, Memory, Parameters, ground_step
 from guidance.handling.waiting import ON_TIME
 from guidance.law import GLOBAL, Gains, Limits, guide_step
@@ -76,6 +77,14 @@ def flat(value: object) -> list[float]:
         return [number for item in value for number in flat(item)]
     assert isinstance(value, int | float)
     return [float(value)]
+
+
+def test_an_ardupilot_rover_that_brakes_slower_than_it_speeds_up_is_taken_at_that() -> None:
+    """ATC_DECEL_MAX bounds what slows it (`get_desired_speed_accel_limited`); 0 is as ATC_ACCEL_MAX."""
+    assert ardupilot_allows({"ATC_ACCEL_MAX": 1.0, "ATC_DECEL_MAX": 0.4}).acceleration_m_s2 == 0.4
+    assert ardupilot_allows({"ATC_ACCEL_MAX": 1.0, "ATC_DECEL_MAX": 3.0}).acceleration_m_s2 == 1.0
+    assert ardupilot_allows({"ATC_ACCEL_MAX": 1.0}).acceleration_m_s2 == 1.0
+    assert ardupilot_allows({"ATC_DECEL_MAX": 2.0}).acceleration_m_s2 == 2.0
 
 
 @pytest.mark.timeout(120)  # it compiles

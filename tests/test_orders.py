@@ -279,7 +279,7 @@ def test_no_setpoint_is_ever_outside_the_limits_of_its_instant() -> None:
     assert outside == []
 
 
-README = Path(__file__).parent.parent / "README.md"
+PAGE = Path(__file__).parent.parent / "docs" / "orders.md"
 
 
 SPOKEN: dict[str, Order] = {
@@ -290,9 +290,10 @@ SPOKEN: dict[str, Order] = {
 
 
 @pytest.mark.parametrize("name", SPOKEN)
-def test_the_readme_says_in_which_states_each_is_accepted(name: str) -> None:
+def test_the_page_says_in_which_states_each_is_accepted(name: str) -> None:
     """And whether it is so already there."""
-    (line,) = [line for line in README.read_text().splitlines() if line.startswith(f"| {name} | `")]
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    (line,) = [line for line in lines if line.startswith(f"| {name} | `")]
     fresh: set[str] = set()
     already: set[str] = set()
     for state in State:

@@ -15,6 +15,8 @@ from guidance.mavlink.codec import FrameReader
 from guidance.mavlink.messages import DECODERS, ParamValue
 from guidance.mavlink.parameters import TIMES_ASKED, ParameterReader, name_of, value_of
 from guidance.mavlink.profiles import PROFILES
+from guidance.mavlink.requirements import Grade
+from guidance.mavlink.requirements import judged as judge
 from guidance.preflight.findings import Verdict
 from guidance.preflight.vehicle_checks import judged
 from tests.helpers import ROVER, make_config
@@ -114,17 +116,31 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
     [
         (
             (),
-            {"COM_OF_LOSS_T": 0.4},
-            Verdict.FAIL,
-            "0.4 s, needs at least 1",
+            {"COM_OF_LOSS_T": 0.5},
+            Verdict.WARN,
+            "0.5 s, needs at least 1",
             "set COM_OF_LOSS_T to at least 1: ",
         ),
         (
             (),
             {"COM_OF_LOSS_T": 30.0},
-            Verdict.FAIL,
+            Verdict.WARN,
             "30 s, needs at most 2",
             "set COM_OF_LOSS_T to at most 2: ",
+        ),
+        (
+            (),
+            {"COM_OF_LOSS_T": 0.0},
+            Verdict.FAIL,
+            "0 s, which cannot be: 0.2 to 60 may",
+            "set COM_OF_LOSS_T to what the vehicle can do: ",
+        ),
+        (
+            (),
+            {"UUV_THRUST_SAT": 0.1},
+            Verdict.WARN,
+            "0.1, needs at least 1",
+            "set UUV_THRUST_SAT to at least 1: thrust is cut off here",
         ),
         ((), {"COM_OBL_RC_ACT": 7}, Verdict.WARN, "7: disarm", "that is what the autopilot does when"),
         ((), {"COM_OBL_RC_ACT": 99}, Verdict.WARN, "99: a meaning that is not known here", "look it up in"),
@@ -169,13 +185,16 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
             "set ATC_ACCEL_MAX to at least 2, or limits.acceleration_max_m_s2 = 1: ",
         ),
         (RATED, {"FS_ACTION": 0}, Verdict.WARN, "0: nothing", "no failsafe of the autopilot's own"),
+        (RATED, {"FS_ACTION": 6}, Verdict.OK, "6: loiter or hold", ""),
+        (RATED, {"FS_EKF_ACTION": 0}, Verdict.WARN, "0: nothing", "it drives on when its estimator fails"),
+        (RATED, {"FS_EKF_ACTION": 1}, Verdict.OK, "1: hold", ""),
         (RATED, {"FS_GCS_ENABLE": 1}, Verdict.OK, "1: a lost ground station is a failsafe", ""),
         (
             RATED,
             {"MAV_OPTIONS": 1},
-            Verdict.WARN,
-            "1: heard from MAV_GCS_SYSID only",
-            "only the system ids of",
+            Verdict.OK,
+            "1: only MAV_GCS_SYSID and the vehicle's own id are heard",
+            "",
         ),
     ],
     ids=lambda value: "".join(f"{k}={v}" for k, v in value.items()) if isinstance(value, dict) else "",
@@ -190,6 +209,47 @@ def test_each_value_is_judged_for_what_it_does(
     assert bool(finding.todo) == bool(todo)
 
 
+#: As PX4 comes, if nobody sets them.
+STOCK = {"COM_RC_IN_MODE": 3, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0}
+
+
+@pytest.mark.parametrize(
+    ("said", "warned"),
+    [
+        ({}, {"COM_RCL_EXCEPT": "0: OFFBOARD ends when sticks are lost"}),
+        ({"COM_RCL_EXCEPT": 3}, {"COM_RCL_EXCEPT": "3: OFFBOARD ends when sticks are lost"}),
+        ({"COM_RCL_EXCEPT": 4}, {}),
+        ({"COM_RCL_EXCEPT": 7, "NAV_RCL_ACT": 6}, {"NAV_RCL_ACT": "6: disarm"}),
+        ({"COM_RC_IN_MODE": 4, "NAV_RCL_ACT": 6}, {}),
+        ({"COM_RC_IN_MODE": 4, "NAV_DLL_ACT": 1}, {"NAV_DLL_ACT": "1: hold"}),
+        (
+            {"COM_RCL_EXCEPT": 4, "COM_RC_IN_MODE": 9},
+            {"COM_RC_IN_MODE": "9: a meaning that is not known here"},
+        ),
+    ],
+)
+@pytest.mark.parametrize("profile", ["px4-uuv", "px4-plane", "px4-copter", "px4-rover"])
+def test_what_ends_offboard_without_sticks_or_a_ground_station_is_warned_of(
+    profile: str, said: dict[str, float], warned: dict[str, str]
+) -> None:
+    """`failsafe.cpp` and `rcAndDataLinkCheck.cpp` of PX4 1.14 to main of 2026-03."""
+    answers = STOCK | said
+    rows = [row for row in PROFILES[profile].requirements if row.parameter in STOCK]
+    assert {row.parameter for row in rows} == STOCK.keys()
+    found = [(row, judge(row, answers, make_config())) for row in rows]
+    assert {one.name: one.found for _, one in found if one.grade is Grade.DOUBTFUL} == warned
+    assert all(one.grade in (Grade.GOOD, Grade.DOUBTFUL) for _, one in found), "none forbids a flight"
+    assert not any(row.used or row.required for row in rows)
+
+
+def test_what_is_quiet_is_shown_only_if_something_is_wrong_with_it() -> None:
+    assert not STOCK.keys() & Bench().findings().keys()
+    shown = Bench(vehicle={"parameters": STOCK}).findings()
+    assert STOCK.keys() & shown.keys() == {"COM_RCL_EXCEPT"}
+    assert shown["COM_RCL_EXCEPT"].verdict is Verdict.WARN
+    assert "add 4 to it (bit 2)" in shown["COM_RCL_EXCEPT"].todo
+
+
 def test_a_parameter_that_the_autopilot_lacks_says_so_and_an_older_name_stands_in() -> None:
     def deaf(message: Any) -> bool:
         return message.get_type() == "PARAM_REQUEST_READ" and message.param_id in ("MAV_OPTIONS", "WP_SPEED")
@@ -200,7 +260,7 @@ def test_a_parameter_that_the_autopilot_lacks_says_so_and_an_older_name_stands_i
     assert findings["WP_SPEED"].todo.startswith("is this the firmware that the profile is for? Thrust 1")
     assert findings["MAV_OPTIONS"].found == "the autopilot has no such parameter, and no SYSID_ENFORCE"
     bench.observation.parameters.values["SYSID_ENFORCE"] = 1.0
-    assert bench.findings()["SYSID_ENFORCE"].verdict is Verdict.WARN
+    assert bench.findings()["SYSID_ENFORCE"].verdict is Verdict.OK
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf], ids=str)

@@ -14,7 +14,8 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.checking import one_of
 from guidance.config import ConfigError, profile_of
 from guidance.mavlink.codec import PacketWriter
-from guidance.mavlink.profiles import PROFILES, Asked, Profile, command_long, set_mode_command
+from guidance.mavlink.messages import Heartbeat
+from guidance.mavlink.profiles import PROFILES, Asked, Profile, command_long, fitting, set_mode_command
 from guidance.mavlink.setpoints import BODY_RATE_MAX_RAD_S, Demand, Outgoing, outgoing, setpoint_message
 from guidance.se3 import Quaternion, Vec3
 from tests.helpers import ROVER, make_config
@@ -114,7 +115,8 @@ def test_golden_bytes_of_rates_and_throttle() -> None:
     out = outgoing(profile, Demand(Vec3(0.5, -0.25, 0.125), throttle=1.5), 1.0)
     sent = packed(setpoint_message(profile, out, 1, 1, 1000))
     assert sent == attitude_target(1000, 0x80, (0.5, -0.25, 0.125), 1.0)
-    assert [row.name for row in PROFILES.values() if row.takes_rates] == ["px4-plane"]
+    takers = [row.name for row in PROFILES.values() if row.takes_rates]
+    assert takers == ["px4-plane", "px4-copter", "ardupilot-copter"]
 
 
 @pytest.mark.parametrize(
@@ -227,6 +229,13 @@ def test_the_rows_say_what_the_firmwares_do() -> None:
         assert len({mode.name for mode in profile.modes}) == len(profile.modes)
         assert profile.mode("no such mode") is None
         assert profile.mode_name(99) == "mode 99"
+
+
+def test_a_copter_of_any_number_of_rotors_is_one() -> None:
+    """ArduCopter tells dodeca-hexas and decas as such (`AP_MotorsMatrix.cpp`); they were refused."""
+    for kind in ("QUADROTOR", "HEXAROTOR", "OCTOROTOR", "DODECAROTOR", "DECAROTOR", "COAXIAL", "HELICOPTER"):
+        beat = Heartbeat(getattr(dialect, f"MAV_TYPE_{kind}"), dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 3)
+        assert fitting(beat) == ["ardupilot-copter"]
 
 
 numbers = st.floats(allow_nan=False)

@@ -1,4 +1,4 @@
-"""Every command line in the README is known here and works; the two that install stand in CI as well."""
+"""Every command line in the README and in docs is known here and works; two stand in CI as well."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import guidance.demo
 import sitl.bench
 from guidance import cli as guidance_cli
+from guidance import steps_command
 from guidance.commands import read_payload
 from guidance.config import load
 from guidance.demo import CONFIG_FILE, Result
@@ -31,12 +32,15 @@ from sitl.logbook import LogBook
 from sitl.scenarios.table import Result as Reached
 from sitl.scenarios.table import Row, Variation
 from tests.helpers import make_config, make_flight
+from tests.tuning_flight import told
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+RESULTS = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
 COMMANDS = [
     line.strip()
-    for block in re.findall(r"^ *```sh\n(.*?)^ *```", README, re.DOTALL | re.MULTILINE)
+    for block in re.findall(r"^ *```sh\n(.*?)^ *```", TEXT, re.DOTALL | re.MULTILINE)
     for line in block.splitlines()
     if line.strip()
 ]
@@ -139,8 +143,9 @@ def test_a_check_without_a_vehicle_says_so(command: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("command", TUNES)
-def test_tuning_says_what_it_will_do_and_asks(command: str) -> None:
+def test_tuning_says_what_it_will_do_and_asks(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is flown after a yes, and written, is in test_tune_flight and test_tune_command."""
+    monkeypatch.setattr(steps_command, "told_by_autopilot", lambda config, wait_s: told("ardupilot-rover"))
     outcome = CliRunner().invoke(guidance_cli.app, words(command), input="no\n")
     assert outcome.exit_code == 1, outcome.output
     assert "It needs 44 m ahead" in outcome.output
@@ -200,7 +205,7 @@ def test_scenarios_are_flown_and_all_rows_are_in_the_table(
     for row, variation in asked:
         if variation.name in ("as it is", "5 m/s wind", "5 m/s wind and gusts"):
             name = row.name if variation.name == "as it is" else f"{row.name}; {variation.name}"
-            assert f"| {row.task.profile} | {name} | " in README
+            assert f"| {row.task.profile} | {name} | " in RESULTS
 
 
 @pytest.mark.parametrize("command", FUZZ)
@@ -267,7 +272,7 @@ def kill(*processes: subprocess.Popen[str]) -> None:
 
 def test_vehicle_and_service_started_by_hand_fly(tmp_path: Path) -> None:
     """The two terminals of the README, on a port that is free here."""
-    vehicle, service = (c for c in BY_HAND[:2])
+    vehicle, service = (c for c in BY_HAND if "px4-uuv --to" in c or "engage=auto" in c)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

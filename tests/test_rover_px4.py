@@ -129,6 +129,13 @@ def test_a_rover_that_does_not_say_how_it_turns_is_refused(missing: tuple[str, .
     assert handler.fit(VALUES) is None
 
 
+def test_an_ackermann_rover_without_a_speed_of_full_throttle_is_refused() -> None:
+    """`AckermannRateControl::runSanityChecks` (1.16 to main of 2026-03): it would not steer."""
+    handler = Px4Rover(load(DEPLOY))
+    assert "RO_MAX_THR_SPEED must be above 0" in (handler.fit({**VALUES, "RO_MAX_THR_SPEED": 0.0}) or "")
+    assert handler.fit({**VALUES, "RO_MAX_THR_SPEED": 3.2}) is None
+
+
 def test_a_trajectory_that_it_cannot_drive_is_refused_with_numbers() -> None:
     handler = Px4Rover(load(DEPLOY))
     why = handler.fit({**VALUES, "RO_YAW_RATE_LIM": 5.0})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from math import atan, cos, hypot, isnan, pi, radians, sqrt, tan
+from math import acos, atan, cos, hypot, isnan, pi, radians, sqrt, tan
 from typing import TypeVar
 
 import msgspec
@@ -187,11 +187,14 @@ def test_with_a_reference_that_waits_the_wind_is_a_warning_unless_it_is_too_much
     assert not fast.refuses
     assert fast.text == (
         "airspeed: 17 m/s needed at t = 20.9 s (north -80 m, east 0 m), 14 m/s available (AIRSPEED_MAX 14): "
-        "the reference runs at 0.75 of its speed there"
+        "the reference runs at 0.75 of its speed there, and off its plan for 18 s of each round"
     )
     assert slow.text.endswith(
-        "at least 10 m/s available (AIRSPEED_MIN 10): the reference runs at 1.3 of its speed there"
+        "at least 10 m/s available (AIRSPEED_MIN 10): the reference runs at 1.3 of its speed there, and "
+        "off its plan for 13 s of each round"
     )
+    # 12^2 + 5^2 - 2 * 12 * 5 cos > 14^2 where the angle to the wind is beyond acos(-0.225)
+    assert fast.waits_s == pytest.approx(circle.cycle_s * (1.0 - acos(-0.225) / pi), rel=0.01)
     hasty = AIRPLANE_12._replace(clock_most=1.15)
     assert len(refused(circle, hasty, Vec3(0.0, 5.0, 0.0))) == 1
     (stormy,) = refused(circle, AIRPLANE_12, Vec3(0.0, 11.0, 0.0))

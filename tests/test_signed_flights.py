@@ -244,7 +244,7 @@ def bench(vehicle_key: bytes, key: bytes | None) -> Bench:
 def test_a_check_of_a_signed_link_is_well() -> None:
     looked = bench(KEY, KEY)
     assert not looked.bad()
-    assert looked.findings()["signing"].found == "both ends sign, by one key"
+    assert looked.findings()["signing"].found == "both ends sign, by one key (a.key)"
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from guidance.supervisor import (
     transition,
 )
 
-README: Final = Path(__file__).parents[1] / "README.md"
+PAGE: Final = Path(__file__).parents[1] / "docs" / "supervisor.md"
 
 #: Written out apart from the code: the state after an event, or the state itself where none is named.
 EXPECTED: Final[dict[str, dict[str, str]]] = {
@@ -257,9 +257,9 @@ def test_every_change_fits_into_a_status_text_whole_or_in_brief() -> None:
         assert len(brief.encode("ascii")) <= 50
 
 
-def test_the_readme_shows_the_table_as_it_is() -> None:
+def test_the_page_shows_the_table_as_it_is() -> None:
     begin, end = "<!-- supervisor table: begin -->", "<!-- supervisor table: end -->"
-    readme = README.read_text(encoding="utf-8")
-    assert begin in readme, f"README.md lacks, between {begin} and {end}:\n\n{table_markdown()}"
-    shown = readme.split(begin)[1].split(end)[0].strip()
-    assert shown == table_markdown().strip(), f"README.md should say:\n\n{table_markdown()}"
+    page = PAGE.read_text(encoding="utf-8")
+    assert begin in page, f"docs/supervisor.md lacks, between {begin} and {end}:\n\n{table_markdown()}"
+    shown = page.split(begin)[1].split(end)[0].strip()
+    assert shown == table_markdown().strip(), f"docs/supervisor.md should say:\n\n{table_markdown()}"

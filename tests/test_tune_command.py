@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 import tomllib
 from pathlib import Path
@@ -15,17 +17,20 @@ from typer.testing import CliRunner
 from guidance import steps_command
 from guidance.cli import app
 from guidance.commands import Order, Shutdown
-from guidance.config import Config
-from guidance.flying.excited import Phase
+from guidance.config import Config, ConfigError, load
+from guidance.flying.around import Phase
 from guidance.records import TOPICS, Answer, Event, Record, Setpoint, Status, Stepping
 from guidance.steps_flight import SOURCE, Conductor
 from guidance.steps_plan import planned
+from guidance.steps_vehicle import told_by_autopilot
 from guidance.supervisor import State
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.sinks import Sinks, TakesOrders
 from sitl.logbook import LogBook
 from tests.helpers import make_flight
-from tests.test_tune_flight import FENCE, RADIUS, SHIPPED, flight_of, newest, shipped
+from tests.preflight_rig import free_port
+from tests.test_tune_flight import FENCE, SHIPPED, flight_of, newest, shipped
+from tests.tuning_flight import told
 
 S: Final = 1_000_000_000
 
@@ -144,6 +149,12 @@ def test_it_knows_that_it_was_stopped(conductor: Conductor) -> None:
     assert conductor.stopped
 
 
+@pytest.fixture
+def autopilot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of the built-in rover, without a line to it."""
+    monkeypatch.setattr(steps_command, "told_by_autopilot", lambda config, wait_s: told("ardupilot-rover"))
+
+
 @pytest.fixture(scope="module")
 def short_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flight whose first run is complete; without the raw traffic, which is for a replay."""
@@ -195,18 +206,20 @@ def test_a_log_of_another_flight_is_refused(tmp_path: Path) -> None:
     assert run("--log", tmp_path / "text.mcap").exit_code == 2
 
 
+@pytest.mark.usefixtures("autopilot")
 def test_without_consent_nothing_is_flown(monkeypatch: pytest.MonkeyPatch) -> None:
     def fly(config: Config, wait_s: float) -> tuple[int, Conductor]:
         raise AssertionError
 
     monkeypatch.setattr(steps_command, "fly", fly)
     for answer in ("no\n", "y\n", ""):
-        found = run("--config", SHIPPED, "--set", RADIUS, "--set", FENCE, input=answer)
+        found = run("--config", SHIPPED, "--set", FENCE, input=answer)
         assert found.exit_code == 1
         assert "It needs 44 m ahead" in found.stderr
         assert "not flown" in found.stderr
 
 
+@pytest.mark.usefixtures("autopilot")
 @pytest.mark.parametrize("stopped", [False, True])
 def test_what_was_flown_is_told(
     monkeypatch: pytest.MonkeyPatch, conductor: Conductor, *, stopped: bool
@@ -220,7 +233,7 @@ def test_what_was_flown_is_told(
         return 0, conductor
 
     monkeypatch.setattr(steps_command, "fly", fly)
-    found = run("--config", SHIPPED, "--set", RADIUS, "--set", FENCE, "--yes", "--wait", 7)
+    found = run("--config", SHIPPED, "--set", FENCE, "--yes", "--wait", 7)
     assert found.exit_code == (130 if stopped else 1)
     if stopped:
         assert "guidance tune --log LOG.mcap" in found.stderr
@@ -236,14 +249,37 @@ def test_it_is_flown_or_read(words: tuple[object, ...]) -> None:
     assert "say what to fly" in found.stderr
 
 
-@pytest.mark.parametrize("name", ["px4-rover", "px4-plane", "ardupilot-copter", "px4-uuv"])
-def test_what_cannot_be_stepped_is_refused(name: str) -> None:
-    found = run("--config", SHIPPED.with_name(f"{name}.toml"), "--yes")
+@pytest.mark.parametrize(
+    ("name", "settings"), [("px4-uuv", ()), ("px4-plane", ("--set", "airplane.output=rates"))]
+)
+def test_what_cannot_be_stepped_is_refused_before_anybody_is_asked(
+    monkeypatch: pytest.MonkeyPatch, name: str, settings: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(steps_command, "told_by_autopilot", None)
+    found = run("--config", SHIPPED.with_name(f"{name}.toml"), *settings, "--yes")
     assert found.exit_code == 2
-    assert f"vehicle.profile = {name}: there are tuning flights only of vehicles" in found.stderr
+    assert f"vehicle.profile = {name}, which is asked for body rates" in found.stderr
+    assert "there are no steps of that" in found.stderr
 
 
+def test_the_autopilot_tells_its_parameters_or_why_not() -> None:
+    port = free_port()
+    config = load(SHIPPED, (f'link.connection="udpin://127.0.0.1:{port}"',))
+    with pytest.raises(ConfigError, match=r"the steps are planned by what it tells of itself"):
+        told_by_autopilot(config, 0.3)
+    vehicle = [sys.executable, "-m", "sitl", "vehicle", "--firmware", "ardupilot-rover"]
+    vehicle += ["--to", f"127.0.0.1:{port}", "--port", "0"]
+    with subprocess.Popen(vehicle, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            values = told_by_autopilot(config, 30.0)
+        finally:
+            process.terminate()
+    assert values["TURN_RADIUS"] == pytest.approx(0.9)
+    assert values == pytest.approx(told("ardupilot-rover"))
+
+
+@pytest.mark.usefixtures("autopilot")
 def test_wrong_settings_are_refused() -> None:
-    found = run("--config", SHIPPED, "--set", RADIUS, "--yes")
+    found = run("--config", SHIPPED, "--yes")
     assert found.exit_code == 2
     assert "there is no fence" in found.stderr

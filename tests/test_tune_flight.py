@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace as with_task
-from math import cos, hypot, sin
+from math import cos, hypot, radians, sin
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from guidance.commands import Hold, Resume, Shutdown
 from guidance.config import Config, ConfigError, load
-from guidance.flying.excited import Phase
+from guidance.flying.around import Phase
 from guidance.records import Record, Setpoint, Stepping
 from guidance.replay import replay as replayed
 from guidance.steps_log import read_log, results_of
@@ -33,6 +33,7 @@ from sitl.vehicle import Effect
 from sitl.vehicle.estimator import USUAL
 from tests.helpers import events_of, fly_until, fly_until_tracking, make_flight, state_of
 from tests.pilot import NAMES, Pilot
+from tests.tuning_flight import told
 
 #: The built-in rover's tightest circle.
 RADIUS: Final = "ground.turning_radius_m=0.9"
@@ -280,7 +281,10 @@ def in_a_file() -> None:
     [
         (without_fence, r"there is no fence.*44 m ahead.*\nfence_ned_m = \[\[46"),
         (too_fast, r"--speed 5.5: must be above 0 and at most 5, its highest speed"),
-        (a_submarine, r"px4-uuv: there are tuning flights only of vehicles that are asked for yaw rate"),
+        (
+            a_submarine,
+            r"px4-uuv, which is asked for body rates and thrust for a speed: there are no",
+        ),
         (in_a_file, r"excitation: only `guidance tune` flies steps"),
     ],
 )
@@ -304,6 +308,25 @@ def test_steps_that_were_not_flown_are_refused_one_by_one() -> None:
     assert all(result == Refused("its run was not flown") for result in results.values())
 
 
-def test_a_radius_that_only_the_autopilot_knows_comes_too_late() -> None:
-    with pytest.raises(ConfigError, match=r"ground\.turning_radius_m: must be set for this flight"):
-        planned(load(SHIPPED, (*AUTO, FENCE)))
+def test_the_radius_is_the_autopilots_where_it_tells_one() -> None:
+    config = load(SHIPPED, (*AUTO, FENCE))
+    values = told("ardupilot-rover")
+    plan = planned(config, None, values)
+    assert plan.config.ground.turning_radius_m == pytest.approx(0.9)
+    assert_allclose(plan.config.excitation.box, planned(shipped()).config.excitation.box)
+    wider = planned(config, None, {**values, "TURN_RADIUS": 3.0}).config.excitation
+    assert wider.back_radius_m == 6.0
+    # what the configuration says goes before it
+    assert planned(shipped(), None, {**values, "TURN_RADIUS": 3.0}).config.ground.turning_radius_m == 0.9
+    with pytest.raises(ConfigError, match=r"the autopilot does not tell TURN_RADIUS, so it must be set"):
+        planned(config)
+
+
+def test_steps_are_within_what_the_autopilot_allows() -> None:
+    slow = {**told("ardupilot-rover"), "WP_SPEED": 1.0, "ATC_STR_RAT_MAX": 30.0}
+    steps = planned(shipped(), None, slow).config.excitation
+    yaw, speed = ([hold.value for hold in run.holds] for run in steps.runs)
+    assert max(speed) == 0.5
+    assert_allclose(max(yaw), 0.5 * radians(30.0))
+    with pytest.raises(ConfigError, match=r"--speed 1.5: must be above 0 and at most 1, its highest speed"):
+        planned(shipped(), 1.5, slow)

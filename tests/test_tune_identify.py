@@ -68,6 +68,13 @@ def airplane_run(name: str, channel: str) -> Run:
     return next(run for run in airplane_runs(limits) if run.channel == channel)
 
 
+def test_a_limit_that_a_step_hardly_touches_is_none_however_little_noise_there_is() -> None:
+    begins = PLAIN.gain / PLAIN.tau_s
+    a = found(made(PLAIN._replace(slew=0.985 * begins), STEPS, 1e-6)).answer
+    assert a.slew == inf
+    assert_allclose(a.tau_s, PLAIN.tau_s, rtol=0.03)
+
+
 @pytest.mark.parametrize("name", ["rover", "boat"])
 def test_yaw_rate_of_a_vehicle_that_drives_is_its_models(name: str) -> None:
     model = load_rover(name)

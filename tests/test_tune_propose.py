@@ -82,6 +82,7 @@ def test_airplane_rules() -> None:
     lines = by_key(airplane_lines({"roll_rad": bank}))
     assert lines == {
         "link.actuation_delay_s": 0.1,
+        "airplane.bank_lag_s": 0.5,
         "law.rho2_per_s": 1.2,
         "law.rho3_per_s": 1.2,
         "law.k": 0.4,
@@ -101,8 +102,15 @@ def test_copter_rules_take_the_slower_axis() -> None:
     assert lines["law.k"] == 0.62
     settings = [f"{key}={value}" for key, value in lines.items()]
     assert load(SHIPPED.with_name("px4-copter.toml"), settings).law.k == 0.62
-    assert lines["limits.acceleration_max_m_s2"] == 2.0
+    assert lines["limits.acceleration_max_m_s2"] == 2.2
     assert "law.rho3_per_s" not in lines
+
+
+def test_a_velocity_that_the_autopilot_shapes_is_not_later_than_its_yaw() -> None:
+    shaped = seen(Answer(Form.ONE_LAG, 0.31, 1.0, 0.0, 2.3, 0.4), 2.0)
+    lines = by_key(copter_lines({"north_m_s": shaped, "yaw_rate_rad_s": YAW}, KNOWN))
+    assert lines["link.actuation_delay_s"] == 0.07
+    assert "link.actuation_delay_s" not in by_key(copter_lines({"north_m_s": shaped}, KNOWN))
 
 
 @pytest.mark.parametrize("lines", [ground_lines, copter_lines])

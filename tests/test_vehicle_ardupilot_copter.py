@@ -80,6 +80,15 @@ def test_with_guid_options_thrust_is_thrust() -> None:
     assert (*told.body_rates_frd_rad_s, told.thrust) == pytest.approx((0.1, 0.2, 0.3, 0.7))
 
 
+@pytest.mark.parametrize(("boosts", "thrust"), [(1, 0.4 / math.cos(0.3)), (0, 0.4)])
+def test_leaning_it_gives_more_thrust_than_it_is_told(boosts: int, thrust: float) -> None:
+    peer = in_guided(parameters={"GUID_OPTIONS": 8, "ATC_ANGLE_BOOST": boosts})
+    peer.stream(3.0, ATTITUDE_THRUST, q=attitude_from_euler(0.3, 0.0, 0.0), thrust=0.4)
+    told = asked(peer)
+    assert isinstance(told, RatesThrust)
+    assert told.thrust == pytest.approx(thrust, abs=0.002)
+
+
 @pytest.mark.parametrize(
     ("mask", "q"),
     [

@@ -40,6 +40,12 @@ def test_what_a_setpoint_does(
     assert truth.speed_m_s == pytest.approx(speed, abs=1e-6)
 
 
+def test_thrust_is_cut_off_where_its_parameter_says() -> None:
+    peer = px4_in_offboard(parameters={"UUV_THRUST_SAT": 0.1})
+    peer.setpoint(thrust=0.4)
+    assert peer.vehicle.truth().speed_m_s == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize("mask", [RATES | 1, RATES | 2, RATES | 3])
 def test_neither_attitude_nor_roll_and_pitch_rate_is_dropped_and_no_proof_of_life(mask: int) -> None:
     peer = px4_in_offboard()

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 
 from msgspec.structs import astuple
 
+from guidance.abilities import Abilities
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.law import Evaluation
@@ -43,6 +44,13 @@ class Flown(NamedTuple):
         return total - total == 0.0
 
 
+class Caution(NamedTuple):
+    """What forbids no flight and must be known before it: `about` what, and the words."""
+
+    about: str
+    text: str
+
+
 class Handler(Protocol):
     """`start` begins a flight, `configure` takes settings that are checked already; both at any time."""
 
@@ -64,9 +72,18 @@ class Handler(Protocol):
     def fit(self, values: Mapping[str, float]) -> str | None:
         """What the autopilot's parameters say of the vehicle; or why it cannot be flown with them."""
 
+    def abilities(self) -> Abilities | None:
+        """What the vehicle can do as it is known, and of each what bounds it; None if it is not known."""
+
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """Why a flight must not begin now, here, with the trajectory's origin there and the ground at that
         height (None: not known). Asked over and over before a flight, never in one."""
+
+    def cautions(
+        self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
+    ) -> tuple[Caution, ...]:
+        """What must be known before a flight from now, here, that `unmet` lets begin; asked as that is. One
+        about each thing at most."""
 
     def heard(self, body: Body, now_ns: int) -> None:
         """A message that is no state, which came now: airspeed and wind are among them."""

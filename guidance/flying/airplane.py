@@ -14,12 +14,13 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta
 
-from guidance.abilities import FREE, Bound
+from guidance.abilities import FREE, AirplaneAbilities, Bound
 from guidance.config import Config
 from guidance.estimate import Estimate
-from guidance.flying import Flown
-from guidance.flying.airplane_feasible import cannot_fly
-from guidance.flying.airplane_fit import Fitted, fitted, thinness
+from guidance.flying import Caution, Flown
+from guidance.flying.airplane_feasible import abilities_of, cannot_fly
+from guidance.flying.airplane_fit import Fitted, assumed, fitted, thinness
+from guidance.flying.cautioning import about_parameters, about_the_way
 from guidance.handling import airplane, airplane_throttle, airplane_wind
 from guidance.handling.airplane import UNTRIMMED, Measured, Parameters, Trims, airplane_step
 from guidance.handling.airplane_rates import body_rates, turn_rate_rad_s
@@ -133,6 +134,10 @@ class Airplane:
             envelope = envelope._replace(floor_down_m=self._ground_down_m)
         self._fitted = found._replace(parameters=found.parameters._replace(envelope=envelope))
 
+    def abilities(self) -> AirplaneAbilities | None:
+        """As `Handler` says; the floor is looked at before a flight."""
+        return None if self._fitted is None else abilities_of(self._fitted.parameters, self.trims)
+
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """As `Handler` says: the air's density, the airspeed, the trajectory in wind and above the floor."""
         self._ground_down_m = ground_down_m
@@ -159,6 +164,25 @@ class Airplane:
             floor = floor._replace(value=FLOOR_STEP_M * round(below_m / FLOOR_STEP_M))
         return cannot_fly(self._config.trajectory, p, self.trims, wind or ZERO, floor)
 
+    def cautions(
+        self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
+    ) -> tuple[Caution, ...]:
+        """Of the trajectory in the wind, the wind, the ground, and what the autopilot does not tell."""
+        able = self.abilities()
+        if able is None:
+            return ()
+        _, wind = self._air(estimate.instant_ns)
+        found = about_the_way(self._config.trajectory, able, wind or ZERO)
+        if wind is None:
+            text = "no wind is told: whether it can be flown was looked at in calm air"
+            found += (Caution("wind", text),)
+        if ground_down_m is None and self._config.airplane.floor_down_m is None:
+            text = (
+                "where the ground is is not known (HOME_POSITION), nor is airplane.floor_down_m set: no floor"
+            )
+            found += (Caution("ground", text),)
+        return (*found, *about_parameters(assumed(self._config, self._values)))
+
     def heard(self, body: Body, now_ns: int) -> None:
         """Airspeed and wind."""
         match body:
@@ -179,6 +203,15 @@ class Airplane:
         """True airspeed (0: none) and wind (None: none), of what was heard not too long before."""
         airspeed_m_s = self._airspeed_m_s if (instant_ns - self._airspeed_ns) * 1e-9 < AIRSPEED_S else 0.0
         return airspeed_m_s, self._wind_ned_m_s if (instant_ns - self._wind_ns) * 1e-9 < WIND_S else None
+
+    def wind_ned_m_s(self, instant_ns: int) -> Vec3 | None:
+        """As the autopilot tells it, None if it does not."""
+        return self._air(instant_ns)[1]
+
+    @property
+    def floor_down_m(self) -> float:
+        """The least height that is flown, NED; inf if none is known."""
+        return inf if self._fitted is None else self._fitted.parameters.envelope.floor_down_m
 
     def start(self) -> None:
         """As `Handler` says; what was learned is kept."""

@@ -15,7 +15,7 @@ Of two limits the tighter holds. What [law] and [limits] say of an airplane:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import inf, radians
+from math import degrees, inf, radians
 from typing import Final, NamedTuple
 
 from guidance.config import Config
@@ -105,6 +105,28 @@ def airframe_of(config: Config, values: Mapping[str, float], thin: float = 1.0) 
         pitch_lowest_rad=radians(max(-_DIVE_DEG, _or(told(values, "pitch_min"), -_PITCH_DEG))),
         pitch_highest_rad=radians(min(_PITCH_DEG, _or(told(values, "pitch_max"), _PITCH_DEG))),
         floor_down_m=_or(c.floor_down_m, inf),
+    )
+
+
+def assumed(config: Config, values: Mapping[str, float]) -> str:
+    """What neither autopilot nor configuration says, and what is taken for it, in words; empty if nothing."""
+    frame = airframe_of(config, values)
+    if isinstance(frame, str):
+        return ""
+    c, first = config.airplane, config.vehicle.profile.startswith("px4")
+    taken = (
+        ("climb", c.climb_full_m_s, f"{frame.climb_full_m_s:.3g} m/s"),
+        ("sink", c.sink_max_m_s, f"{frame.sink_max_m_s:.3g} m/s"),
+        ("throttle_cruise", c.throttle_cruise, f"{frame.throttle_cruise:.3g}"),
+        ("throttle_min", None, "0"),
+        ("throttle_max", None, "1"),
+        ("pitch_min", None, f"{degrees(frame.pitch_lowest_rad):.3g} deg"),
+        ("pitch_max", None, f"{degrees(frame.pitch_highest_rad):.3g} deg"),
+    )
+    return ", ".join(
+        f"{_NAMES[what][0 if first else 1][0]} {value}"
+        for what, own, value in taken
+        if own is None and told(values, what) is None
     )
 
 

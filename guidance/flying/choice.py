@@ -5,7 +5,9 @@ from __future__ import annotations
 from guidance.config import Config
 from guidance.flying import Handler
 from guidance.flying.airplane import Airplane
+from guidance.flying.copter_rates import CopterRates
 from guidance.flying.excited import Excited
+from guidance.flying.excited_airplane import ExcitedAirplane
 from guidance.flying.ground import Ground, Px4Rover
 from guidance.flying.rates import Rates
 from guidance.flying.velocity import Velocity
@@ -14,8 +16,12 @@ from guidance.mavlink.profiles import Asked, Handling, Profile
 
 def handler_of(config: Config, profile: Profile) -> Handler:
     """A new one, for a checked configuration; around it the steps, if it has any."""
-    own = _own(config, profile)
-    return Excited(own, config.excitation) if config.excitation.runs else own
+    own, steps = _own(config, profile), config.excitation
+    if not steps.runs:
+        return own
+    if isinstance(own, Airplane):
+        return ExcitedAirplane(own, steps)
+    return Excited(own, steps, own.driven) if isinstance(own, Px4Rover) else Excited(own, steps)
 
 
 def _own(config: Config, profile: Profile) -> Handler:
@@ -28,5 +34,7 @@ def _own(config: Config, profile: Profile) -> Handler:
             return Rates(config, planar=profile.planar)
         case Handling.AIRPLANE:
             return Airplane(config)
+        case Handling.VELOCITY if profile.asked is Asked.RATES_THROTTLE:
+            return CopterRates(config)
         case Handling.VELOCITY:
             return Velocity(config)

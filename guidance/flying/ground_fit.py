@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from math import inf, radians
 from typing import NamedTuple
 
-from guidance.abilities import Bound, GroundAbilities
 from guidance.config import Config
 from guidance.handling import rover_px4, slip, smoothing, speed_loop, stuck, waiting
 from guidance.handling.ground import Parameters
@@ -30,11 +29,11 @@ class Allowed(NamedTuple):
 
 
 def ardupilot_allows(values: Mapping[str, float]) -> Allowed:
-    """By ArduPilot's parameters, in its units; 0 is no limit there."""
+    """By ArduPilot's parameters, in its units; 0 is no limit there, of braking the same as of speeding up."""
     v = values
     return Allowed(
         speed_m_s=v.get("WP_SPEED") or inf,
-        acceleration_m_s2=v.get("ATC_ACCEL_MAX") or inf,
+        acceleration_m_s2=min(v.get(name) or inf for name in ("ATC_ACCEL_MAX", "ATC_DECEL_MAX")),
         yaw_rate_rad_s=radians(v.get("ATC_STR_RAT_MAX") or inf),
         yaw_acceleration_rad_s2=radians(v.get("ATC_STR_ACC_MAX") or inf),
         lateral_m_s2=LATERAL_PART * GRAVITY_M_S2 * (v.get("ATC_TURN_MAX_G") or inf),
@@ -56,6 +55,8 @@ def px4_rover(values: Mapping[str, float]) -> rover_px4.Autopilot | str:
             "neither RA_WHEEL_BASE and RA_MAX_STR_ANG (an Ackermann rover) nor RD_WHEEL_TRACK and "
             "RD_TRANS_DRV_TRN (a differential one) are set: how does it turn?"
         )
+    if ackermann and values.get("RO_MAX_THR_SPEED", 1.0) <= 0.0:
+        return "RO_MAX_THR_SPEED must be above 0: without it PX4 does not steer an Ackermann rover"
     other = "RD_" if ackermann else "RA_"
     known = {name: v[name] for name in rover_px4.Autopilot._fields if name in v and name[:3] != other}
     return rover_px4.Autopilot(**known)
@@ -103,18 +104,4 @@ def fitted(config: Config, origin_ned_m: Vec3, allowed: Allowed) -> Parameters:
         ),
         waiting=WAITING if ground.waits else waiting.OFF,
         stuck=stuck.Parameters(asked_m_s=0.3, speed_m_s=0.15, yaw_rate_rad_s=0.05, after_s=ground.stuck_s),
-    )
-
-
-def abilities(p: Parameters, radius_m: float) -> GroundAbilities:
-    """What a trajectory may ask for, of the configuration and the autopilot together."""
-    limits = p.law.limits
-    return GroundAbilities(
-        speed_least_m_s=Bound(limits.speed_min_m_s, "speed_min"),
-        speed_m_s=Bound(limits.speed_max_m_s, "speed_max"),
-        yaw_rate_rad_s=Bound(limits.yaw_rate_rad_s, "yaw_rate_max"),
-        yaw_acceleration_rad_s2=Bound(limits.yaw_acceleration_rad_s2, "yaw_acceleration_max"),
-        lateral_m_s2=Bound(p.lateral_acceleration_m_s2, "lateral_acceleration_max"),
-        radius_least_m=Bound(radius_m, "turning radius"),
-        acceleration_m_s2=Bound(limits.acceleration_m_s2, "acceleration_max"),
     )

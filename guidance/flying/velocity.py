@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from guidance.abilities import VelocityAbilities
 from guidance.config import Config
 from guidance.estimate import Estimate
 from guidance.feasibility import unflyable
-from guidance.flying import Flown
-from guidance.flying.velocity_fit import abilities, fitted
+from guidance.flying import Caution, Flown
+from guidance.flying.cautioning import about_parameters, about_the_ground, about_the_way
+from guidance.flying.velocity_feasible import abilities, assumed
+from guidance.flying.velocity_fit import fitted
 from guidance.handling.velocity import UNSTARTED, Around, Measured, Parameters, velocity_step
 from guidance.mavlink.messages import Body
 from guidance.mavlink.setpoints import Demand
@@ -40,12 +43,12 @@ _NEUTRAL: Final = Demand()
 class Velocity:
     """Before `fit` it cannot fly: it stands."""
 
-    learned = ""
-
     def __init__(self, config: Config) -> None:
         self._values: Mapping[str, float] = {}
         self._memory = UNSTARTED
         self._parameters: Parameters | None = None
+        self._why: str | None = None  # it cannot be flown as it is configured
+        self._config = config
         self._period_s = 1.0 / config.link.rate_hz
         self.configure(config, ZERO, config.law.allocation)
 
@@ -54,6 +57,11 @@ class Velocity:
         """As `Handler` says."""
         return self._memory.waiting.waited_s
 
+    @property
+    def learned(self) -> str:
+        """As `Handler` says: nothing that another flight could use."""
+        return ""
+
     def recall(self, learned: str) -> str | None:
         """Nothing is learned that another flight could use."""
         return "this vehicle learns nothing"
@@ -61,33 +69,54 @@ class Velocity:
     def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> str | None:
         """As `Handler` says; while the vehicle is not known yet, anything is taken. It has one allocation."""
         found = fitted(config, origin_ned_m, self._values)
-        if isinstance(found, str):
-            if self._parameters is not None:
-                return found
-        else:
-            self._parameters = found
+        why = self._why_not(config, found)
+        new = self._why is None or config.trajectory != self._config.trajectory
+        if why is not None and new and self._parameters is not None:
+            return why
         self._config, self._origin_ned_m = config, origin_ned_m
+        self._take(found, why)
         return None
 
     def fit(self, values: Mapping[str, float]) -> str | None:
         """As `Handler` says."""
         self._values = dict(values)
-        why = self._adopt()
-        if why is not None or self._parameters is None:
-            return why
-        problems = unflyable(self._config.trajectory, abilities(self._parameters))
-        return next((f"{problem.key}{problem.text}" for problem in problems), None)
-
-    def _adopt(self) -> str | None:
         found = fitted(self._config, self._origin_ned_m, self._values)
+        self._take(found, self._why_not(self._config, found))
+        return self._why
+
+    def _why_not(self, config: Config, found: Parameters | str) -> str | None:
         if isinstance(found, str):
             return found
-        self._parameters = found
-        return None
+        problems = unflyable(config.trajectory, abilities(config, self._values, found))
+        return next((f"{problem.key}{problem.text}" for problem in problems), None)
+
+    def _take(self, found: Parameters | str, why: str | None) -> None:
+        self._why = why
+        if not isinstance(found, str):
+            self._parameters = found
+
+    def abilities(self) -> VelocityAbilities | None:
+        """As `Handler` says."""
+        p = self._parameters
+        return None if p is None else abilities(self._config, self._values, p)
 
     def unmet(self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None) -> str | None:
         """Nothing."""
         return None
+
+    def cautions(
+        self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None
+    ) -> tuple[Caution, ...]:
+        """Of the trajectory, the ground, and of parameters that the autopilot does not tell."""
+        config = self._config
+        able = self.abilities()
+        if able is None:
+            return ()
+        found = about_the_way(config.trajectory, able)
+        if config.guards.fence_down_max_m is None:
+            found += about_the_ground(config.trajectory, origin_ned_m, ground_down_m)
+        taken = ", ".join(f"{name} {value:g}" for name, value in assumed(self._values).items())
+        return (*found, *about_parameters(taken))
 
     def heard(self, body: Body, now_ns: int) -> None:
         """Nothing."""

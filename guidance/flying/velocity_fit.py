@@ -10,11 +10,11 @@ Of two limits the tighter holds. What [law] and [limits] say of a copter:
 | `limits.speed_max_m_s` | of the level speed, whichever way the nose points; `speed_min_m_s` has no part |
 | `limits.acceleration_max_m_s2` | of the level velocity |
 | `limits.yaw_rate_max_rad_s`, `yaw_acceleration_max_rad_s2` | of the nose |
-| the other limits on rates | have no part: the autopilot tilts the vehicle by itself |
+| the other limits on rates | of rates that are sent (`copter.output`); else the autopilot tilts by itself |
 
 Of the autopilot: speeds and accelerations, the gains of its loop on velocity (PX4), how fast it leads a
-velocity (ArduPilot: acceleration over jerk), and the highest yaw rate. MPC_JERK_MAX has no part, for PX4 does
-not shape a velocity in OFFBOARD.
+velocity (ArduPilot: acceleration over jerk), the highest tilt, which bounds the level acceleration, and the
+highest yaw rate. MPC_JERK_MAX has no part, for PX4 does not shape a velocity in OFFBOARD.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf, radians
 
-from guidance.abilities import Bound, VelocityAbilities
 from guidance.config import Config
+from guidance.flying.copter_rates_fit import by_rates
 from guidance.handling import copter, stuck, velocity
 from guidance.handling.copter import ArduPilot, Configured, Px4
 from guidance.law import Gains
@@ -50,6 +50,8 @@ def fitted(config: Config, origin_ned_m: Vec3, values: Mapping[str, float]) -> v
         )
     else:
         return f"neither {_PX4} nor {_ARDUPILOT} is told by the autopilot: how fast may it fly?"
+    if config.copter.output == "rates":
+        p = by_rates(config, p, values)
     return _tuned(config, origin_ned_m, p)
 
 
@@ -98,16 +100,6 @@ def _tuned(config: Config, origin_ned_m: Vec3, p: velocity.Parameters) -> veloci
         response=answers._replace(kp=_or(c.short_gain, answers.kp)),
         smoothing=p.smoothing._replace(time_constant_s=c.smoothing_s),
         stuck=stuck.Parameters(asked_m_s=0.5, speed_m_s=0.15, yaw_rate_rad_s=0.05, after_s=c.stuck_s),
-    )
-
-
-def abilities(p: velocity.Parameters) -> VelocityAbilities:
-    """What a trajectory may ask for, of the configuration and the autopilot together."""
-    return VelocityAbilities(
-        speed_m_s=Bound(p.limits.speed_max_m_s, "speed_max"),
-        climb_m_s=Bound(p.up_max_m_s, "up_max"),
-        sink_m_s=Bound(p.down_max_m_s, "down_max"),
-        acceleration_m_s2=Bound(p.limits.acceleration_m_s2, "acceleration_max"),
     )
 
 

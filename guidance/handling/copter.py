@@ -9,6 +9,7 @@ What binds each number:
 - of a velocity that is short, so much is asked for on top that gusts move PX4's copter half as far, and that
   200 ms of delay nobody knows of do not make it swing; ArduPilot's, which holds its own path, needs less;
 - lambda k times what is left of the delay stays well below a half;
+- no more acceleration is asked for than the highest tilt gives, g times its tangent;
 - an approach of v brakes by up to 0.33 lambda k v in the bounded field: half of the acceleration goes to
   that, the rest to the reference;
 - the nose is turned softly: where it points does not matter to the path.
@@ -16,11 +17,12 @@ What binds each number:
 
 from __future__ import annotations
 
-from math import inf, radians
+from math import inf, radians, tan
 from typing import Final, NamedTuple
 
 from guidance.error_function import bounded_apart
 from guidance.handling import response, smoothing, stuck, velocity, waiting
+from guidance.handling.airplane_bank import GRAVITY_M_S2
 from guidance.law import Gains, Limits
 
 K_PER_S: Final = 1.0
@@ -79,19 +81,21 @@ class Px4(NamedTuple):
     MPC_Z_VEL_I_ACC: float = 2.0
     MPC_Z_VEL_D_ACC: float = 0.0
     MPC_YAWRAUTO_MAX: float = 60.0
+    MPC_TILTMAX_AIR: float = 45.0
 
 
 class ArduPilot(NamedTuple):
     """ArduPilot's parameters by their names of 4.7, in m, with its autotest values; before, they were
-    WPNAV_SPEED, WPNAV_ACCEL (cm), PSC_JERK_XY and PSC_JERK_Z."""
+    WPNAV_SPEED, WPNAV_ACCEL (cm), PSC_JERK_XY, PSC_JERK_Z and ANGLE_MAX (centidegrees)."""
 
     WP_SPD: float = 10.0
     WP_SPD_UP: float = 2.5
     WP_SPD_DN: float = 1.5
     WP_ACC: float = 2.5
     WP_ACC_Z: float = 1.0
-    PSC_JERK_NE: float = 5.0
-    PSC_JERK_D: float = 5.0
+    PSC_NE_JERK: float = 5.0
+    PSC_D_JERK: float = 5.0
+    ATC_ANGLE_MAX: float = 30.0
 
 
 def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Parameters:
@@ -105,7 +109,7 @@ def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Paramete
             a.MPC_XY_VEL_MAX,
             a.MPC_Z_VEL_MAX_UP,
             a.MPC_Z_VEL_MAX_DN,
-            a.MPC_ACC_HOR,
+            min(a.MPC_ACC_HOR, tilted_m_s2(a.MPC_TILTMAX_AIR)),
             min(a.MPC_ACC_UP_MAX, a.MPC_ACC_DOWN_MAX),
             radians(a.MPC_YAWRAUTO_MAX),
         ),
@@ -124,12 +128,13 @@ def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Paramete
 def ardupilot(autopilot: ArduPilot, configured: Configured = UNBOUNDED) -> velocity.Parameters:
     """The default of the profile `ardupilot-copter`. The caller has checked the parameters: all > 0."""
     a = autopilot
+    acceleration = min(a.WP_ACC, tilted_m_s2(a.ATC_ANGLE_MAX))
     return _handling(
         configured,
-        Configured(a.WP_SPD, a.WP_SPD_UP, a.WP_SPD_DN, a.WP_ACC, a.WP_ACC_Z, inf),
+        Configured(a.WP_SPD, a.WP_SPD_UP, a.WP_SPD_DN, acceleration, a.WP_ACC_Z, inf),
         response.Parameters(
-            response.Axis(a.WP_ACC / a.PSC_JERK_NE, 0.0, 0.0),
-            response.Axis(a.WP_ACC_Z / a.PSC_JERK_D, 0.0, 0.0),
+            response.Axis(a.WP_ACC / a.PSC_NE_JERK, 0.0, 0.0),
+            response.Axis(a.WP_ACC_Z / a.PSC_D_JERK, 0.0, 0.0),
             per_s=0.0,
             drag_max_per_s=0.0,
             kp=0.6,
@@ -137,6 +142,11 @@ def ardupilot(autopilot: ArduPilot, configured: Configured = UNBOUNDED) -> veloc
         ),
         drag_per_s=0.0,
     )
+
+
+def tilted_m_s2(tilt_deg: float) -> float:
+    """The horizontal acceleration of a copter that leans so far (0 to 89 deg) and keeps its height."""
+    return GRAVITY_M_S2 * tan(radians(tilt_deg))
 
 
 def _handling(

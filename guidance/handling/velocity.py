@@ -88,12 +88,14 @@ class Demand(NamedTuple):
 class Around(NamedTuple):
     """The law's evaluation (its controls: yaw rate, and speed along the field), and what was found around it.
 
-    `wanted_ned_m_s` is the field within the limits, `drag_per_s` what was learned.
+    `wanted_ned_m_s` is the field within the limits, `acceleration_ned_m_s2` its change, `drag_per_s` what was
+    learned.
     """
 
     law: Evaluation
     reference: Reference
     wanted_ned_m_s: Vec3
+    acceleration_ned_m_s2: Vec3
     clock_rate: float
     drag_per_s: float
     stuck: bool
@@ -167,6 +169,7 @@ def velocity_step(
             ),
             r,
             wanted,
+            acceleration,
             memory.waiting.rate,
             learned.drag_per_s,
             still.stuck,

@@ -2,7 +2,7 @@
 
 Sources: `Rover/Parameters.cpp`, `AR_AttitudeControl.cpp`, `AR_WPNav.cpp`, `ArduPlane/Parameters.cpp`,
 `AP_TECS.cpp`, `ArduCopter/Parameters.cpp`, `AC_WPNav.cpp`, `GCS_MAVLink`. Older names are those of before
-Plane 4.5 (cm/s, centidegrees) and Copter 4.7 (cm/s, centidegrees).
+Plane 4.5 (cm/s, centidegrees) and Copter 4.7 (cm/s, centidegrees); PSC_JERK_NE is that of 4.7.0 alone.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _LOOP_RATE: Final = Requirement(
 )
 _MAV_OPTIONS: Final = Requirement(
     "MAV_OPTIONS",
-    "only the system ids of ground stations may be heard, and setpoints of this service not: clear bit 0",
-    meanings={0: "heard from every system id", 1: "heard from MAV_GCS_SYSID only"},
-    doubtful=frozenset({1}),
-    older="SYSID_ENFORCE",
+    "",
+    # `accept_packet` of `GCS_Common.cpp` (4.4 to 4.7): the vehicle's own components are always heard.
+    meanings={0: "every system id is heard", 1: "only MAV_GCS_SYSID and the vehicle's own id are heard"},
+    older=("SYSID_ENFORCE",),
 )
 
 
@@ -41,7 +41,7 @@ def _limit(
     unit: str,
     plausible: tuple[float, float],
     *,
-    older: str = "",
+    older: tuple[str, ...] = (),
     older_scale: float = 1.0,
     required: bool = False,
 ) -> Requirement:
@@ -64,7 +64,7 @@ def _told(
     unit: str,
     plausible: tuple[float, float],
     *,
-    older: str = "",
+    older: tuple[str, ...] = (),
     older_scale: float = 1.0,
 ) -> Requirement:
     """One that the autopilot keeps to, and nothing here."""
@@ -116,6 +116,16 @@ ROVER_GUIDED: Final = (
         plausible=(0.01, 100.0),
         used=True,
     ),
+    Requirement(
+        "ATC_DECEL_MAX",
+        "the vehicle brakes slower than the law takes it to",
+        low="limits.acceleration_max_m_s2",
+        unit="m/s^2",
+        zero_is_no_limit=True,
+        serious=False,
+        plausible=(0.01, 100.0),
+        used=True,
+    ),
     _limit("ATC_TURN_MAX_G", "it turns no tighter", "g", (0.01, 10.0)),
     _limit("TURN_RADIUS", "it turns on no smaller circle", "m", (0.0, 100.0)),
     Requirement("CRUISE_SPEED", "", unit="m/s"),
@@ -128,8 +138,16 @@ ROVER_GUIDED: Final = (
             2: "hold",
             3: "smart return or return",
             4: "smart return or hold",
+            5: "disarm",
+            6: "loiter or hold",
         },
         doubtful=frozenset({0}),
+    ),
+    Requirement(
+        "FS_EKF_ACTION",
+        "it drives on when its estimator fails, and tells positions that are made up; is it meant?",
+        meanings={0: "nothing", 1: "hold", 2: "only told"},
+        doubtful=frozenset({0, 2}),
     ),
     Requirement(
         "FS_GCS_ENABLE",
@@ -149,7 +167,7 @@ PLANE_GUIDED: Final = (
         "below it the airplane may stall",
         "m/s",
         _SPEED,
-        older="ARSPD_FBW_MIN",
+        older=("ARSPD_FBW_MIN",),
         required=True,
     ),
     _limit(
@@ -157,7 +175,7 @@ PLANE_GUIDED: Final = (
         "its controllers are tuned at this airspeed",
         "m/s",
         _SPEED,
-        older="TRIM_ARSPD_CM",
+        older=("TRIM_ARSPD_CM",),
         older_scale=_CENTI,
         required=True,
     ),
@@ -166,7 +184,7 @@ PLANE_GUIDED: Final = (
         "above it the airplane may break",
         "m/s",
         _SPEED,
-        older="ARSPD_FBW_MAX",
+        older=("ARSPD_FBW_MAX",),
         required=True,
     ),
     _told("AIRSPEED_STALL", "it is the airspeed at which it stalls (0: not known)", "m/s", (0.0, 150.0)),
@@ -175,7 +193,7 @@ PLANE_GUIDED: Final = (
         "the bank is asked for up to this angle",
         "deg",
         (5.0, 90.0),
-        older="LIM_ROLL_CD",
+        older=("LIM_ROLL_CD",),
         older_scale=_CENTI,
     ),
     _limit(
@@ -183,7 +201,7 @@ PLANE_GUIDED: Final = (
         "the nose is asked to go up to this angle",
         "deg",
         (1.0, 90.0),
-        older="LIM_PITCH_MAX",
+        older=("LIM_PITCH_MAX",),
         older_scale=_CENTI,
     ),
     _limit(
@@ -191,14 +209,18 @@ PLANE_GUIDED: Final = (
         "the nose is asked to go down to this angle",
         "deg",
         (-90.0, -1.0),
-        older="LIM_PITCH_MIN",
+        older=("LIM_PITCH_MIN",),
         older_scale=_CENTI,
     ),
     _limit("THR_MIN", "throttle is asked for from here on", "%", (-100.0, 90.0)),
-    _limit("TRIM_THROTTLE", "throttle begins here, before it is learned", "%", (1.0, 100.0)),
+    # At 1 % and less GUIDED takes no throttle from a setpoint (`mode_guided.cpp`, 4.4 to 4.7).
+    _limit("TRIM_THROTTLE", "throttle begins here, before it is learned", "%", (2.0, 100.0)),
     _limit("THR_MAX", "throttle is asked for up to here", "%", (10.0, 100.0)),
     _limit("TECS_CLMB_MAX", "it is how fast it climbs with all of its throttle", "m/s", (0.1, 100.0)),
     _limit("TECS_SINK_MAX", "it is how fast it may sink", "m/s", (0.1, 100.0)),
+    _limit("RLL2SRV_RMAX", "the bank changes no faster", "deg/s", (1.0, 1000.0))._replace(
+        zero_is_no_limit=True
+    ),
     _told("RLL2SRV_TCONST", "the bank follows with this time constant", "s", (0.05, 5.0)),
     _told("PTCH2SRV_TCONST", "the pitch follows with this time constant", "s", (0.05, 5.0)),
     _LOOP_RATE,
@@ -233,18 +255,18 @@ COPTER_GUIDED: Final = (
         "it flies no faster",
         "m/s",
         _SPEED,
-        older="WPNAV_SPEED",
+        older=("WPNAV_SPEED",),
         older_scale=_CENTI,
         required=True,
     )._replace(low="limits.speed_max_m_s", serious=False),
-    _limit("WP_SPD_UP", "it climbs no faster", "m/s", _SPEED, older="WPNAV_SPEED_UP", older_scale=_CENTI),
-    _limit("WP_SPD_DN", "it sinks no faster", "m/s", _SPEED, older="WPNAV_SPEED_DN", older_scale=_CENTI),
+    _limit("WP_SPD_UP", "it climbs no faster", "m/s", _SPEED, older=("WPNAV_SPEED_UP",), older_scale=_CENTI),
+    _limit("WP_SPD_DN", "it sinks no faster", "m/s", _SPEED, older=("WPNAV_SPEED_DN",), older_scale=_CENTI),
     _limit(
         "WP_ACC",
         "the velocity changes no faster",
         "m/s^2",
         (0.1, 50.0),
-        older="WPNAV_ACCEL",
+        older=("WPNAV_ACCEL",),
         older_scale=_CENTI,
     ),
     _limit(
@@ -252,12 +274,31 @@ COPTER_GUIDED: Final = (
         "the velocity changes no faster up and down",
         "m/s^2",
         (0.1, 50.0),
-        older="WPNAV_ACCEL_Z",
+        older=("WPNAV_ACCEL_Z",),
         older_scale=_CENTI,
     ),
-    _told("ATC_ANGLE_MAX", "it leans no further", "deg", (5.0, 89.0), older="ANGLE_MAX", older_scale=_CENTI),
-    _limit("PSC_JERK_D", "it changes no faster up and down", "m/s^3", (0.1, 500.0), older="PSC_JERK_Z"),
-    _limit("PSC_JERK_NE", "the acceleration changes no faster", "m/s^3", (0.1, 500.0), older="PSC_JERK_XY"),
+    _limit(
+        "ATC_ANGLE_MAX",
+        "the velocity changes no faster than leaning so far does",
+        "deg",
+        (5.0, 89.0),
+        older=("ANGLE_MAX",),
+        older_scale=_CENTI,
+    ),
+    _limit(
+        "PSC_D_JERK",
+        "it changes no faster up and down",
+        "m/s^3",
+        (0.1, 500.0),
+        older=("PSC_JERK_D", "PSC_JERK_Z"),
+    ),
+    _limit(
+        "PSC_NE_JERK",
+        "the acceleration changes no faster",
+        "m/s^3",
+        (0.1, 500.0),
+        older=("PSC_JERK_NE", "PSC_JERK_XY"),
+    ),
     Requirement(
         "ATC_RATE_Y_MAX",
         "the vehicle turns slower than it is asked to",
@@ -297,5 +338,35 @@ COPTER_GUIDED: Final = (
             7: "brake or land",
         },
     ),
+    Requirement(
+        "FS_EKF_ACTION",
+        "it flies on when its estimator fails, and tells positions that are made up; is it meant?",
+        meanings={0: "only told", 1: "land", 2: "altitude hold", 3: "land, whatever the mode"},
+        doubtful=frozenset({0}),
+    ),
     _MAV_OPTIONS,
+)
+
+COPTER_GUIDED_RATES: Final = (
+    *(
+        row._replace(used=True) if row.parameter == "ATC_ANGLE_MAX" else row
+        for row in COPTER_GUIDED
+        if row.parameter != "GUID_OPTIONS"
+    ),
+    _limit(
+        "GUID_OPTIONS",
+        "its bit 3 says whether the thrust of a setpoint is thrust (set) or a climb rate (clear)",
+        "",
+        (0.0, 65535.0),
+        required=True,
+    ),
+    _limit("MOT_THST_HOVER", "thrust begins here, before it is learned", "", (0.05, 0.95)),
+    Requirement(
+        "ATC_ANGLE_BOOST",
+        "",
+        meanings={0: "thrust is as it is told", 1: "it gives more thrust by itself where it leans"},
+        used=True,
+    ),
+    _limit("ATC_RATE_R_MAX", "it rolls no faster", "deg/s", (1.0, 2000.0))._replace(zero_is_no_limit=True),
+    _limit("ATC_RATE_P_MAX", "it pitches no faster", "deg/s", (1.0, 2000.0))._replace(zero_is_no_limit=True),
 )

@@ -51,11 +51,15 @@ def request_read(name: str, system: int, component: int) -> Any:
 class ParameterReader:
     """Reads some parameters of one autopilot; `values` are those that were answered.
 
-    Of two `partners`, names of one parameter, one answer will do.
+    Of `partners`, names of one parameter, one answer will do.
     """
 
     def __init__(
-        self, names: Iterable[str], *, bytewise: bool, partners: Mapping[str, str] = MappingProxyType({})
+        self,
+        names: Iterable[str],
+        *,
+        bytewise: bool,
+        partners: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
     ) -> None:
         self.values: dict[str, float] = {}
         self._bytewise = bytewise
@@ -91,13 +95,16 @@ class ParameterReader:
         return now
 
     def _wanted(self, name: str) -> bool:
-        known = name in self.values or self._partners.get(name) in self.values
+        known = name in self.values or self._answered_for(name)
         return not known and self._asked[name] < TIMES_ASKED
+
+    def _answered_for(self, name: str) -> bool:
+        return any(other in self.values for other in self._partners.get(name, ()))
 
     @property
     def complete(self) -> bool:
         """Whether each has a value or counts as absent."""
-        awaited = (name for name in self._asked_ns if self._partners.get(name) not in self.values)
+        awaited = (name for name in self._asked_ns if not self._answered_for(name))
         return not any(awaited) and not any(map(self._wanted, self._asked))
 
     def deadline(self, now_ns: int) -> int | None:

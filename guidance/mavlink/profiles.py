@@ -16,10 +16,21 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.geodesy import Projection, azimuthal_equidistant, equirectangular
-from guidance.mavlink.ardupilot_requirements import COPTER_GUIDED, PLANE_GUIDED, ROVER_GUIDED
-from guidance.mavlink.messages import Heartbeat
+from guidance.mavlink.ardupilot_requirements import (
+    COPTER_GUIDED,
+    COPTER_GUIDED_RATES,
+    PLANE_GUIDED,
+    ROVER_GUIDED,
+)
+from guidance.mavlink.messages import AutopilotVersion, Heartbeat
 from guidance.mavlink.modes import COPTER_MODES, PLANE_MODES, PX4_MODES, ROVER_MODES, Mode
-from guidance.mavlink.px4_requirements import PX4_COPTER, PX4_OFFBOARD, PX4_PLANE, PX4_ROVER
+from guidance.mavlink.px4_requirements import (
+    PX4_COPTER,
+    PX4_COPTER_RATES,
+    PX4_PLANE,
+    PX4_ROVER,
+    PX4_UUV,
+)
 from guidance.mavlink.requirements import Requirement
 
 _IGNORE_ROLL_RATE: Final = 1
@@ -29,6 +40,9 @@ _IGNORE_ATTITUDE: Final = 128
 #: Of SET_POSITION_TARGET_LOCAL_NED: position, acceleration, yaw; what is left is velocity and yaw rate.
 _VELOCITY_AND_YAW_RATE: Final = 0x5C7
 _VELOCITY: Final = 0xDC7
+#: The first PX4 whose `uuv_att_control` has an output by body rates alone (PX4/PX4-Autopilot#25052, 2025-07):
+#: 1.17.0, from its release candidates on. What was built on the way to it may be from before.
+_PX4_UUV_BY_RATES: Final = 1 << 24 | 17 << 16 | dialect.FIRMWARE_VERSION_TYPE_RC
 
 
 class Handling(StrEnum):
@@ -44,10 +58,22 @@ class Asked(StrEnum):
     """What a setpoint carries, and with it its message."""
 
     RATES_SPEED = "body rates and thrust for a speed"
+    ATTITUDE_RATES_SPEED = "attitude, body rates and thrust for a speed"
     YAW_RATE_SPEED = "yaw rate and thrust for a speed"
     ATTITUDE_THROTTLE = "roll, pitch and throttle"
     RATES_THROTTLE = "body rates and throttle"
     VELOCITY_YAW_RATE = "velocity and yaw rate"
+
+
+class Older(NamedTuple):
+    """What every version takes, for one from before `first_version` or of which that is not known.
+
+    It is a `flight_sw_version` of AUTOPILOT_VERSION: major, minor, patch, kind of release, a byte each.
+    """
+
+    first_version: int
+    asked: Asked
+    type_mask: int
 
 
 class Profile(NamedTuple):
@@ -63,7 +89,8 @@ class Profile(NamedTuple):
 
     `full_thrust_parameter` is the speed that full thrust asks for, if the firmware has one. `air` are the
     messages that tell of airspeed and wind, with their rates in Hz. `takes_rates` says that body rates and
-    throttle will do instead of what is `asked` (`by_rates`).
+    throttle will do instead of what is `asked` (`by_rates`), with `rates_requirements` instead, if any. What
+    is asked moves no vehicle whose firmware is `older`, if there is such (`for_version`).
     """
 
     name: str
@@ -91,10 +118,27 @@ class Profile(NamedTuple):
     full_thrust_parameter: str = ""
     air: tuple[tuple[str, float], ...] = ()
     takes_rates: bool = False
+    rates_requirements: tuple[Requirement, ...] = ()
+    older: Older | None = None
 
     def by_rates(self) -> Profile:
-        """The same row, asked by body rates and throttle."""
-        return self._replace(asked=Asked.RATES_THROTTLE, type_mask=_IGNORE_ATTITUDE)
+        """The same row, asked by body rates and throttle; a copter's throttle is its thrust upward."""
+        return self._replace(
+            asked=Asked.RATES_THROTTLE,
+            type_mask=_IGNORE_ATTITUDE,
+            thrust_min=0.0,
+            thrust_max=1.0,
+            requirements=self.rates_requirements or self.requirements,
+        )
+
+    def for_version(self, version: AutopilotVersion | None) -> Profile:
+        """The row that is sure to move that version, None if it is not known. One that moves any stays."""
+        if self.older is None:
+            return self
+        first, asked, type_mask = self.older
+        if version is not None and version.flight_sw_version >= first:
+            return self
+        return self._replace(asked=asked, type_mask=type_mask, older=None)
 
     def mode(self, name: str) -> Mode | None:
         """The mode of that name, None if this firmware has none; "hold" is the one that holds."""
@@ -125,6 +169,8 @@ _COPTERS: Final = frozenset(
         dialect.MAV_TYPE_HEXAROTOR,
         dialect.MAV_TYPE_OCTOROTOR,
         dialect.MAV_TYPE_TRICOPTER,
+        dialect.MAV_TYPE_DODECAROTOR,
+        dialect.MAV_TYPE_DECAROTOR,
     }
 )
 
@@ -141,6 +187,8 @@ def _px4(
     planar: bool = False,
     air: tuple[tuple[str, float], ...] = (),
     takes_rates: bool = False,
+    rates_requirements: tuple[Requirement, ...] = (),
+    older: Older | None = None,
 ) -> Profile:
     """A row of PX4: the firmware's manners are those of every vehicle."""
     return Profile(
@@ -168,6 +216,8 @@ def _px4(
         estimator="ESTIMATOR_STATUS",
         air=air,
         takes_rates=takes_rates,
+        rates_requirements=rates_requirements,
+        older=older,
     )
 
 
@@ -186,6 +236,8 @@ def _ardupilot(
     planar: bool = False,
     full_thrust_parameter: str = "",
     air: tuple[tuple[str, float], ...] = (),
+    takes_rates: bool = False,
+    rates_requirements: tuple[Requirement, ...] = (),
 ) -> Profile:
     """A row of ArduPilot: modes and what a setpoint means differ by vehicle."""
     return Profile(
@@ -213,6 +265,8 @@ def _ardupilot(
         estimator="EKF_STATUS_REPORT",
         full_thrust_parameter=full_thrust_parameter,
         air=air,
+        takes_rates=takes_rates,
+        rates_requirements=rates_requirements,
     )
 
 
@@ -225,7 +279,8 @@ PROFILES: Final[dict[str, Profile]] = {
             Handling.RATES,
             Asked.RATES_SPEED,  # along +x for a submarine
             _IGNORE_ATTITUDE,  # PX4 takes the rates when roll and pitch rate are both unmasked
-            PX4_OFFBOARD,
+            PX4_UUV,
+            older=Older(_PX4_UUV_BY_RATES, Asked.ATTITUDE_RATES_SPEED, 0),
         ),
         _px4(
             "px4-plane",
@@ -245,6 +300,8 @@ PROFILES: Final[dict[str, Profile]] = {
             Asked.VELOCITY_YAW_RATE,
             _VELOCITY_AND_YAW_RATE,
             PX4_COPTER,
+            takes_rates=True,
+            rates_requirements=PX4_COPTER_RATES,
         ),
         _px4(
             "px4-rover",
@@ -291,6 +348,8 @@ PROFILES: Final[dict[str, Profile]] = {
             "brake",  # loiter goes by the throttle stick: with none, or a low one, it sinks (recorded)
             "levels and stops, and stays in guided (GUID_TIMEOUT)",
             COPTER_GUIDED,
+            takes_rates=True,
+            rates_requirements=COPTER_GUIDED_RATES,
         ),
     )
 }

@@ -2,7 +2,8 @@
 
 Sources: `commander_params.c`, `mavlink_params.c`, `fw_att_control` and `fw_lateral_longitudinal_control`
 parameters, `mc_pos_control` (`multicopter_position_control_limits_params.c`), `rover_control` (PX4 1.16; a
-rover of 1.15 and older has GND_*). Of the rovers no recording was at hand.
+rover of 1.15 and older has GND_*), `uuv_att_control_params.c`, each read in 1.14, 1.15, 1.16 and main of
+2026-03. Of the rovers no recording was at hand.
 """
 
 from __future__ import annotations
@@ -15,6 +16,12 @@ from guidance.mavlink.requirements import Requirement
 _DEG: Final = math.radians(1.0)
 _SPEED: Final = (0.1, 150.0)
 
+#: Of COM_RC_IN_MODE: nobody steers by hand, and nothing is lost (`failsafe.cpp`, 1.14 to main of 2026-03).
+_NO_STICKS: Final = 4
+#: Of COM_RCL_EXCEPT: without bit 2.
+_STICKS_NEEDED: Final = frozenset(bits for bits in range(32) if not bits & 4)
+_LINK_LOSS: Final = {1: "hold", 2: "return", 3: "land", 5: "terminate", 6: "disarm"}
+
 PX4_OFFBOARD: Final = (
     Requirement(
         "COM_OF_LOSS_T",
@@ -23,6 +30,8 @@ PX4_OFFBOARD: Final = (
         low=1.0,
         high=2.0,
         unit="s",
+        serious=False,
+        plausible=(0.2, 60.0),
     ),
     Requirement(
         "COM_OBL_RC_ACT",
@@ -30,7 +39,7 @@ PX4_OFFBOARD: Final = (
         meanings={
             0: "position mode",
             1: "altitude mode",
-            2: "manual",
+            2: "stabilized",
             3: "return",
             4: "land",
             5: "hold",
@@ -38,6 +47,47 @@ PX4_OFFBOARD: Final = (
             7: "disarm",
         },
         doubtful=frozenset({6, 7}),
+    ),
+    Requirement(
+        "COM_RC_IN_MODE",
+        "",
+        meanings={
+            0: "sticks by radio",
+            1: "sticks by MAVLink",
+            2: "sticks by radio or MAVLink",
+            3: "sticks by the first that is heard",
+            _NO_STICKS: "no sticks",
+            **dict.fromkeys(range(5, 9), "sticks by radio or MAVLink, by priority"),
+        },
+        quiet=True,
+    ),
+    Requirement(
+        "COM_RCL_EXCEPT",
+        "sticks that are there at arming and lost in flight end OFFBOARD by NAV_RCL_ACT: if that is not "
+        "meant, add 4 to it (bit 2)",
+        meanings={
+            **dict.fromkeys(range(32), "OFFBOARD goes on without sticks"),
+            **dict.fromkeys(_STICKS_NEEDED, "OFFBOARD ends when sticks are lost"),
+        },
+        doubtful=_STICKS_NEEDED,
+        unless=("COM_RC_IN_MODE", _NO_STICKS),
+        quiet=True,
+    ),
+    Requirement(
+        "NAV_RCL_ACT",
+        "that is what the autopilot does when sticks are lost; is it meant?",
+        meanings={0: "nothing", **_LINK_LOSS},
+        doubtful=frozenset({5, 6}),
+        unless=("COM_RC_IN_MODE", _NO_STICKS),
+        quiet=True,
+    ),
+    Requirement(
+        "NAV_DLL_ACT",
+        "with no ground station it does not arm, and losing one in flight ends OFFBOARD (since 1.17 unless "
+        "COM_DLL_EXCEPT has bit 2): if that is not meant, set it to 0",
+        meanings={0: "nothing without a ground station", **_LINK_LOSS},
+        doubtful=frozenset(_LINK_LOSS),
+        quiet=True,
     ),
     Requirement(
         "MAV_FWDEXTSP",
@@ -49,7 +99,7 @@ PX4_OFFBOARD: Final = (
 
 
 def _limit(
-    name: str, what: str, unit: str, plausible: tuple[float, float], *, older: str = ""
+    name: str, what: str, unit: str, plausible: tuple[float, float], *, older: tuple[str, ...] = ()
 ) -> Requirement:
     """One that the handling keeps to."""
     return Requirement(name, what, unit=unit, plausible=plausible, older=older, used=True)
@@ -64,6 +114,13 @@ def _told(name: str, what: str, unit: str, plausible: tuple[float, float]) -> Re
     return _limit(name, what, unit, plausible)._replace(used=False)
 
 
+#: Both came with PX4 1.17 (2025-07), where they are 0.1 and 0.3 if nobody sets them; before, nothing was cut.
+PX4_UUV: Final = (
+    *PX4_OFFBOARD,
+    _told("UUV_THRUST_SAT", "thrust is cut off here", "", (0.001, 1.0))._replace(low=1.0, serious=False),
+    _told("UUV_TORQUE_SAT", "torques are cut off here: it turns no harder", "", (0.001, 1.0)),
+)
+
 PX4_PLANE: Final = (
     *PX4_OFFBOARD,
     _required("FW_AIRSPD_MIN", "below it the autopilot takes the airplane to stall", "m/s", _SPEED),
@@ -71,6 +128,8 @@ PX4_PLANE: Final = (
     _required("FW_AIRSPD_MAX", "above it the autopilot takes the airplane to break", "m/s", _SPEED),
     _told("FW_AIRSPD_STALL", "it is the airspeed at which it stalls", "m/s", (0.0, 150.0)),
     _limit("FW_R_LIM", "the bank is asked for up to this angle", "deg", (5.0, 80.0)),
+    _limit("FW_R_RMAX", "the bank changes no faster", "deg/s", (1.0, 1000.0)),
+    _limit("FW_PSP_OFF", "it is the pitch of level flight", "deg", (-90.0, 90.0)),
     _limit("FW_P_LIM_MIN", "the nose is asked to go down to this angle", "deg", (-80.0, -1.0)),
     _limit("FW_P_LIM_MAX", "the nose is asked to go up to this angle", "deg", (1.0, 80.0)),
     _limit("FW_THR_MIN", "throttle is asked for from here on", "", (0.0, 0.9)),
@@ -116,7 +175,7 @@ PX4_COPTER: Final = (
     _limit("MPC_ACC_UP_MAX", "the velocity changes no faster upwards", "m/s^2", (0.1, 50.0)),
     _limit("MPC_ACC_DOWN_MAX", "the velocity changes no faster downwards", "m/s^2", (0.1, 50.0)),
     _told("MPC_JERK_MAX", "the acceleration changes no faster", "m/s^3", (0.1, 500.0)),
-    _told("MPC_TILTMAX_AIR", "it leans no further", "deg", (5.0, 89.0)),
+    _limit("MPC_TILTMAX_AIR", "the velocity changes no faster than leaning so far does", "deg", (5.0, 89.0)),
     Requirement(
         "MC_YAWRATE_MAX",
         "the vehicle turns slower than it is asked to",
@@ -131,6 +190,23 @@ PX4_COPTER: Final = (
     _limit("MPC_YAWRAUTO_MAX", "its heading turns no faster by itself", "deg/s", (1.0, 2000.0)),
 )
 
+PX4_COPTER_RATES: Final = (
+    *(row._replace(used=True) if row.parameter == "MPC_TILTMAX_AIR" else row for row in PX4_COPTER),
+    _required("MPC_THR_HOVER", "thrust begins here, before it is learned", "", (0.05, 0.95)),
+    _limit("MPC_THR_MIN", "thrust is asked for from here on", "", (0.0, 0.9)),
+    _limit("MPC_THR_MAX", "thrust is asked for up to here", "", (0.1, 1.0)),
+    Requirement(
+        "MPC_USE_HTE",
+        "",
+        meanings={
+            0: "it hovers with MPC_THR_HOVER",
+            1: "it finds its hover thrust by itself and does not tell; here it is learned anew",
+        },
+    ),
+    _limit("MC_ROLLRATE_MAX", "it rolls no faster", "deg/s", (1.0, 2000.0)),
+    _limit("MC_PITCHRATE_MAX", "it pitches no faster", "deg/s", (1.0, 2000.0)),
+)
+
 PX4_ROVER: Final = (
     *PX4_OFFBOARD,
     Requirement(
@@ -138,10 +214,9 @@ PX4_ROVER: Final = (
         "the vehicle drives slower than it is asked to",
         low="limits.speed_max_m_s",
         unit="m/s",
-        zero_is_no_limit=True,
         serious=False,
-        plausible=_SPEED,
-        older="GND_SPEED_MAX",
+        plausible=_SPEED,  # 0 or less (-1 is its default) is no limit but a rover that PX4 does not drive
+        older=("GND_SPEED_MAX",),
         used=True,
     ),
     Requirement("RO_MAX_THR_SPEED", "", unit="m/s"),
@@ -157,9 +232,8 @@ PX4_ROVER: Final = (
         low="limits.yaw_rate_max_rad_s",
         scale=_DEG,
         unit="deg/s",
-        zero_is_no_limit=True,
         serious=False,
-        plausible=(1.0, 10000.0),
+        plausible=(1.0, 10000.0),  # 0, its default: PX4 does not steer
         used=True,
     ),
     _limit("RO_YAW_ACCEL_LIM", "its turn rate changes no faster", "deg/s^2", (1.0, 10000.0))._replace(

@@ -30,7 +30,11 @@ class Requirement(NamedTuple):
     where the vehicle flies all the same. What is `required` must be there, and what is outside of `plausible`
     (in its own unit) must be corrected, before the vehicle is flown. What is `used` shapes the setpoints.
 
-    An `older` name is asked for as well; `older_scale` times its value is the value under this name.
+    What one of `doubtful` would do does not come about while another parameter has the value of `unless`.
+    Of a `quiet` one there is nothing to show as long as it is good.
+
+    `older` names, the newest first, are asked for as well; `older_scale` times their value is the value under
+    this name.
     """
 
     parameter: str
@@ -43,7 +47,9 @@ class Requirement(NamedTuple):
     serious: bool = True
     meanings: Mapping[int, str] = {}
     doubtful: frozenset[int] = frozenset()
-    older: str = ""
+    unless: tuple[str, int] | None = None
+    quiet: bool = False
+    older: tuple[str, ...] = ()
     older_scale: float = 1.0
     plausible: tuple[float, float] | None = None
     required: bool = False
@@ -52,15 +58,14 @@ class Requirement(NamedTuple):
     @property
     def names(self) -> tuple[str, ...]:
         """Those to ask for, the newest first."""
-        return (self.parameter, self.older) if self.older else (self.parameter,)
+        return (self.parameter, *self.older)
 
     def value(self, answers: Mapping[str, float]) -> tuple[str, float] | None:
         """The name that was answered and the value in this row's unit; None if there is no answer."""
         if self.parameter in answers:
             return self.parameter, answers[self.parameter]
-        if self.older in answers:
-            return self.older, answers[self.older] * self.older_scale
-        return None
+        older = next((name for name in self.older if name in answers), None)
+        return None if older is None else (older, answers[older] * self.older_scale)
 
 
 class Grade(StrEnum):
@@ -87,13 +92,13 @@ class Judged(NamedTuple):
 def names_of(table: Iterable[Requirement]) -> list[str]:
     """What to ask for and in which order: what a flight waits for, the other rows, older names."""
     rows = sorted(table, key=lambda row: not row.required)
-    return [row.parameter for row in rows] + [row.older for row in rows if row.older]
+    return [row.parameter for row in rows] + [name for row in rows for name in row.older]
 
 
-def partners_of(table: Iterable[Requirement]) -> dict[str, str]:
-    """Of two names of one parameter, the other."""
-    pairs = [row.names for row in table if row.older]
-    return {name: other for new, old in pairs for name, other in ((new, old), (old, new))}
+def partners_of(table: Iterable[Requirement]) -> dict[str, tuple[str, ...]]:
+    """Of a parameter that has several names, to each the others."""
+    several = [row.names for row in table if row.older]
+    return {name: tuple(o for o in names if o != name) for names in several for name in names}
 
 
 def values_of(table: Iterable[Requirement], answers: Mapping[str, float]) -> dict[str, float]:
@@ -113,7 +118,7 @@ def judged(row: Requirement, answers: Mapping[str, float], config: object) -> Ju
     """
     found = row.value(answers)
     if found is None:
-        older = f", and no {row.older}" if row.older else ""
+        older = f", and no {' or '.join(row.older)}" if row.older else ""
         text = f"the autopilot has no such parameter{older}"
         if not row.required:
             return Judged(row.parameter, Grade.ABSENT, text)
@@ -127,7 +132,7 @@ def judged(row: Requirement, answers: Mapping[str, float], config: object) -> Ju
         )
     shown = f"{_number(value / own)} {row.unit if own == 1.0 else ''}".rstrip()
     if row.meanings:
-        return _meaning(row, name, value, shown)
+        return _meaning(row, name, value, shown, answers)
     if value <= 0.0 and row.zero_is_no_limit:
         return Judged(name, Grade.GOOD, "no limit")
     if row.plausible is not None and not _within(value, *row.plausible):
@@ -150,12 +155,13 @@ def _within(value: float, low: float, high: float) -> bool:
     return low - FLOAT32 * abs(low) <= value <= high + FLOAT32 * abs(high)
 
 
-def _meaning(row: Requirement, name: str, value: float, shown: str) -> Judged:
+def _meaning(row: Requirement, name: str, value: float, shown: str, answers: Mapping[str, float]) -> Judged:
     meaning = row.meanings.get(round(value))
     if meaning is None:
         todo = f"look it up in the firmware's own list: {row.why}"
         return Judged(name, Grade.DOUBTFUL, f"{shown}: a meaning that is not known here", todo)
-    if round(value) in row.doubtful:
+    moot = row.unless is not None and answers.get(row.unless[0]) == row.unless[1]
+    if round(value) in row.doubtful and not moot:
         return Judged(name, Grade.DOUBTFUL, f"{shown}: {meaning}", row.why)
     return Judged(name, Grade.GOOD, f"{shown}: {meaning}")
 

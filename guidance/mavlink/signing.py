@@ -75,6 +75,11 @@ class _Stream:
         self._seen: set[int] = set()
         self._prune_at = _PRUNE
 
+    @property
+    def heard(self) -> bool:
+        """Whether anything was taken, and not only remembered from an earlier run."""
+        return bool(self._seen)
+
     def take(self, timestamp: int) -> bool:
         """Whether it is new, and not too late."""
         if timestamp <= max(self._floor, self.newest - LATE) or timestamp in self._seen:
@@ -109,6 +114,11 @@ class Signing:
         return SigningClock(
             self._timestamp, tuple((*who, stream.newest) for who, stream in self._streams.items())
         )
+
+    @property
+    def signers(self) -> list[tuple[int, int]]:
+        """Systems and components whose signed packets came, and were believed."""
+        return sorted({who[:2] for who, stream in self._streams.items() if stream.heard})
 
     def set(self, clock: SigningClock, now_ns: int) -> None:
         """It is at least so late; nothing that is known already is forgotten."""

@@ -36,6 +36,7 @@ CHECKS: Final = (
     Check("autopilot", "autopilot", Needs.LINE, link_checks.autopilot),
     Check("autopilot", "signing", Needs.AUTOPILOT, link_checks.signing),
     Check("autopilot", "profile", Needs.AUTOPILOT, link_checks.profile),
+    Check("autopilot", "setpoints", Needs.AUTOPILOT, link_checks.setpoints),
     Check("autopilot", "clock", Needs.AUTOPILOT, link_checks.clock),
     Check("autopilot", "loss", Needs.AUTOPILOT, link_checks.loss),
     Check("autopilot", "throughput", Needs.AUTOPILOT, link_checks.throughput),
@@ -47,6 +48,9 @@ CHECKS: Final = (
     Check("vehicle", "mode", Needs.AUTOPILOT, vehicle_checks.mode),
     Check("vehicle", "origin", Needs.AUTOPILOT, vehicle_checks.origin),
     Check("parameters", "parameters", Needs.AUTOPILOT, vehicle_checks.parameters),
+    Check("parameters", "limits", Needs.AUTOPILOT, vehicle_checks.limits),
+    Check("flight", "trajectory", Needs.AUTOPILOT, vehicle_checks.trajectory),
+    Check("orders", "orders", Needs.NOTHING, companion_checks.orders),
     Check("companion", "zenoh", Needs.NOTHING, companion_checks.telemetry),
     Check("companion", "log", Needs.NOTHING, companion_checks.log),
 )

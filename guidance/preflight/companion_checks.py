@@ -54,6 +54,24 @@ def telemetry(seen: Seen) -> Iterator[Finding]:
         )
 
 
+def orders(seen: Seen) -> Iterator[Finding]:
+    """Who may order the service about, and by which way."""
+    zenoh, link = seen.config.zenoh, seen.config.link
+    if zenoh.enabled and zenoh.commands:
+        yield ok("by zenoh", "whoever reaches it orders, as by guidance command")
+    else:
+        yield ok("by zenoh", "nobody (zenoh.commands = false)")
+    if link.commands_from:
+        who = " or ".join(map(str, link.commands_from))
+        signed = "with our key's signature" if link.signing_key_file else "unsigned"
+        yield ok("by MAVLink", f"system {who}, {signed}")
+    else:
+        yield ok("by MAVLink", "nobody (link.commands_from = [])")
+    engages = {"pilot": "the pilot's switch of the mode, or an order", "auto": "by itself, as soon as it may"}
+    arms = "arms" if seen.config.supervisor.arm else "never arms"
+    yield ok("engages", f"{engages[seen.config.supervisor.engage]}; {arms}")
+
+
 def log(seen: Seen) -> Iterator[Finding]:
     """The log can be written, and for how long."""
     look, settings = seen.disk, seen.config.log

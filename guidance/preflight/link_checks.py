@@ -149,7 +149,8 @@ def autopilot(seen: Seen) -> Iterator[Finding]:
 
 def signing(seen: Seen) -> Iterator[Finding]:
     """Both ends sign, or neither does; who may order should have to."""
-    link, commanders = seen.observation.link, seen.config.link.commands_from
+    link, config = seen.observation.link, seen.config.link
+    commanders = config.commands_from
     if link.signing is None and commanders:
         who = " or ".join(map(str, commanders))
         yield warn(
@@ -173,7 +174,10 @@ def signing(seen: Seen) -> Iterator[Finding]:
             "who else sends on this line? Packets that come twice are refused too (signature_replayed)",
         )
     else:
-        yield ok("signing", "both ends sign, by one key")
+        yield ok("signing", f"both ends sign, by one key ({config.signing_key_file})")
+    if link.signing is not None:
+        signers = ", ".join(f"{system}/{component}" for system, component in link.signing.signers)
+        yield ok("signers", f"{signers or 'nobody yet'}; this service signs as link {config.signing_link_id}")
 
 
 def profile(seen: Seen) -> Iterator[Finding]:
@@ -239,6 +243,17 @@ def _stream(stream: Stream, now_ns: int) -> Finding:
         return ok(name, rate)
     verdict = Verdict.WARN if status.at_rate else Verdict.FAIL
     return Finding(name, verdict, rate, todo)
+
+
+def setpoints(seen: Seen) -> Iterator[Finding]:
+    """What they ask for, of this version of the firmware."""
+    link, row = seen.observation.link, seen.observation.profile
+    sent = row.for_version(link.version)
+    found = f"{sent.asked} (type_mask {sent.type_mask:#04x})"
+    if sent is not row:
+        which = "that does not tell its version" if link.version is None else "of this version"
+        found += f": a {row.firmware} {which} may not move by less"
+    yield ok("setpoints", found)
 
 
 def clock(seen: Seen) -> Iterator[Finding]:

@@ -6,13 +6,16 @@ REQUEST_MESSAGE) and PARAM_REQUEST_READ; never a setpoint, a mode or an arming c
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config, parse_connection, profile_of
 from guidance.estimate import Estimate, Estimator
+from guidance.guarding import Guards
 from guidance.intake import streams_at, take_state
+from guidance.mavlink.air import AirBody
 from guidance.mavlink.line import LineWatch
 from guidance.mavlink.link import AutopilotLink, Received
 from guidance.mavlink.messages import (
@@ -26,12 +29,13 @@ from guidance.mavlink.messages import (
 )
 from guidance.mavlink.parameters import ParameterReader, request_read
 from guidance.mavlink.report import absence, link_record
-from guidance.mavlink.requirements import names_of, partners_of
+from guidance.mavlink.requirements import Grade, judged, names_of, partners_of, values_of
 from guidance.mavlink.signing import Signing
 from guidance.mavlink.streams import SATISFIED, Stream
 from guidance.readiness import young
 from guidance.records import Link
 from guidance.se3 import Vec3
+from guidance.supervisor import State
 from guidance.tracker import Tracker
 
 #: Listened at least for so long: components speak once a second, and two autopilots of one id take 2 s.
@@ -120,6 +124,8 @@ class Observation:
             self.parameters.take(body)
         elif isinstance(body, SysStatus):
             self.health = body
+        elif isinstance(body, AirBody) and all(map(isfinite, body)):
+            self.tracker.handler.heard(body, now_ns)
         elif isinstance(body, EstimatorStatus | EkfStatusReport):
             self.estimator_flags = body.flags
         elif isinstance(body, StatusText) and body.severity <= _SERIOUS and len(self.texts) < _TEXTS_MAX:
@@ -173,6 +179,22 @@ class Observation:
         if self.link.connected(self.now_ns):
             return ""
         return absence(self.link, self.connection.scheme)
+
+    def unfit(self) -> str | None:
+        """Why the vehicle is not flown with the parameters that it has told, as far as they are the reason;
+        what flies then knows them."""
+        table, answers = self.profile.requirements, self.parameters.values
+        if any(judged(row, answers, self.config).grade is Grade.BAD for row in table):
+            return None
+        return self.tracker.fit(values_of(table, answers))
+
+    def guarded(self, estimate: Estimate) -> str | None:
+        """What the guards forbid to engage for, with the trajectory begun from here."""
+        guards = Guards(self.config, self.profile, self.link, self.tracker)
+        if self.health is not None:
+            guards.heard(self.health)
+        guards.look(estimate, State.READY, self.now_ns)
+        return guards.condition
 
     def estimate(self) -> Estimate | str:
         """The state, or why there is none to be used."""

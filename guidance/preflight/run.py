@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Final, NamedTuple
 
@@ -72,7 +73,34 @@ def check(config: Config, source: str, seconds: float, processes: Processes | No
     return Checked(findings(seen), time.monotonic() - started, clean)
 
 
-async def _observe(observation: Observation, port: PortLook, end: float) -> tuple[str, str]:
+def observed(
+    config: Config, seconds: float, enough: Callable[[Observation], bool]
+) -> tuple[Observation, str]:
+    """Listen until it is `enough`, for at most `seconds`: what was seen, and why the line was not opened.
+
+    Raises:
+        ConfigError: the key of a signed link cannot be used.
+    """
+    end = time.monotonic() + seconds
+    keeper = open_signing(config)
+    observation = Observation(config, None if keeper is None else keeper.signing)
+    if keeper is not None:
+        keeper.signing.set(keeper.begin(time.time_ns()), time.monotonic_ns())
+    port = look_at_port(observation.connection, Processes())
+    try:
+        _, refused = asyncio.run(_observe(observation, port, end, enough))
+    finally:
+        if keeper is not None:
+            keeper.close(KEEP_S)
+    return observation, refused
+
+
+async def _observe(
+    observation: Observation,
+    port: PortLook,
+    end: float,
+    enough: Callable[[Observation], bool] = Observation.complete,
+) -> tuple[str, str]:
     """Open the line and listen: what was opened, or why it was not. A port that is in use is left alone."""
     if port.holders:
         return "", "it is in use"
@@ -86,7 +114,7 @@ async def _observe(observation: Observation, port: PortLook, end: float) -> tupl
     except TimeoutError:
         return "", "it did not open in time: does the device answer?"
     try:
-        await _listen(observation, transport, end)
+        await _listen(observation, transport, end, enough)
     except Lost as lost:
         observation.problem("lost", str(lost))
     finally:
@@ -99,12 +127,14 @@ def _loop_time(end: float) -> float:
     return asyncio.get_running_loop().time() + end - time.monotonic()
 
 
-async def _listen(observation: Observation, transport: Transport, end: float) -> None:
-    """Until all is known or the time is over."""
+async def _listen(
+    observation: Observation, transport: Transport, end: float, enough: Callable[[Observation], bool]
+) -> None:
+    """Until it is enough or the time is over."""
     readable = asyncio.Event()
     asyncio.get_running_loop().add_reader(transport.fileno(), readable.set)
     observation.opened(time.monotonic_ns())
-    while not observation.complete():
+    while not enough(observation):
         readable.clear()
         with suppress(OSError):  # nobody listens at the other end yet
             _read(observation, transport)

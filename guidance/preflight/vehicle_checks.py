@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import degrees, isfinite
 from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.abilities import NEEDS, Bound
 from guidance.mavlink import requirements
 from guidance.mavlink.report import enum_name
-from guidance.mavlink.requirements import Grade, Requirement, values_of
+from guidance.mavlink.requirements import Grade, Requirement
 from guidance.preflight.findings import Finding, Verdict, fail, ok, skip, warn
 from guidance.preflight.seen import Seen
 
@@ -108,12 +110,61 @@ def parameters(seen: Seen) -> Iterator[Finding]:
     """Each that the profile depends on, and what all of them together allow."""
     observation = seen.observation
     table, reader = observation.profile.requirements, observation.parameters
-    found = [judged(row, seen) for row in table]
-    yield from found
-    if reader.complete and not any(one.verdict is Verdict.FAIL for one in found):
-        unfit = observation.tracker.fit(values_of(table, reader.values))
-        if unfit is not None:
-            yield fail("parameters", unfit, "fly slower and wider, or set the parameter higher")
+    for row in table:
+        found = judged(row, seen)
+        if found.verdict is not Verdict.OK or not row.quiet:
+            yield found
+    unfit = observation.unfit() if reader.complete else None
+    if unfit is not None:
+        yield fail("parameters", unfit, "fly slower and wider, or set the parameter higher")
+
+
+def limits(seen: Seen) -> Iterator[Finding]:
+    """What configuration and autopilot leave the vehicle together, and which of them binds."""
+    observation = seen.observation
+    if not observation.parameters.complete:
+        yield skip("limits", "the parameters did not all come")
+        return
+    observation.unfit()
+    able = observation.tracker.handler.abilities()
+    if able is None:
+        yield skip("limits", "with these parameters it is not known what the vehicle can do")
+        return
+    for kind, bound in zip(NEEDS[type(able)].kinds, able, strict=False):
+        if isinstance(bound, Bound) and isfinite(bound.value):
+            unit, value = kind.unit, bound.value
+            shown = degrees(value) if unit.startswith("deg") else value
+            least = "at least " if kind.is_least else ""
+            yield ok(kind.what, f"{least}{shown:.4g} {unit}".rstrip() + f" ({bound.source})")
+
+
+def trajectory(seen: Seen) -> Iterator[Finding]:
+    """Whether it would be flown from here: by what flies, by the guards, and what else is to be known."""
+    observation = seen.observation
+    estimate, origin = observation.estimate(), observation.origin()
+    if isinstance(estimate, str) or isinstance(origin, str):
+        yield skip("trajectory", "it is not known from where")
+        return
+    if not observation.parameters.complete or observation.unfit() is not None:
+        yield skip("trajectory", "see the parameters")
+        return
+    link, tracker, guards = observation.link, observation.tracker, seen.config.guards
+    name = seen.config.trajectory.__struct_config__.tag
+    why = tracker.unmet(estimate, link.origin, link.home)
+    if why is None:
+        yield ok("trajectory", f"{name}: can be flown from here")
+    else:
+        yield warn("trajectory", f"{name}: would not be begun now: {why}", "see to that before you engage")
+    forbidden = observation.guarded(estimate)
+    fenced = guards.fence_ned_m or guards.fence_deg or guards.fence_down_min_m is not None
+    if forbidden is not None:
+        yield fail("guards", forbidden, "see [guards]; the service would not engage")
+    elif fenced or guards.fence_down_max_m is not None:
+        yield ok("fence", f"the vehicle is inside, and so are {guards.fence_plan_s:g} s of the way from here")
+    else:
+        yield ok("fence", "none is set (guards.fence_ned_m, guards.fence_deg)")
+    for caution in tracker.cautions(estimate, link.origin, link.home):
+        yield warn(caution.about, caution.text, "fly all the same if that is meant")
 
 
 def judged(row: Requirement, seen: Seen) -> Finding:

@@ -14,9 +14,16 @@ from itertools import accumulate
 from math import cos, radians, sin, tan
 from typing import Final, NamedTuple
 
-#: Channels of vehicles that drive.
+#: Channels of vehicles that drive; copters have the first, too.
 YAW_RATE: Final = "yaw_rate_rad_s"
 SPEED: Final = "speed_m_s"
+#: Of airplanes.
+ROLL: Final = "roll_rad"
+PITCH: Final = "pitch_rad"
+THROTTLE: Final = "throttle"
+#: Of copters.
+VELOCITY: Final = ("north_m_s", "east_m_s", "down_m_s")
+CHANNELS: Final = frozenset({YAW_RATE, SPEED, ROLL, PITCH, THROTTLE, *VELOCITY})
 
 GRAVITY_M_S2: Final = 9.80665
 #: Of what a limit allows, a step takes at most this part.
@@ -27,7 +34,8 @@ SMALL: Final = 0.3
 YAW_RATE_RAD_S: Final = 1.0
 BANK_RAD: Final = radians(40.0)
 PITCH_RAD: Final = radians(5.0)
-THROTTLE: Final = 0.15
+THROTTLE_STEP: Final = 0.15
+THROTTLE_S: Final = 4.0
 #: A throttle stays between these, and a step smaller than the last says nothing.
 THROTTLE_ENDS: Final = (0.05, 0.95)
 THROTTLE_LEAST: Final = 0.05
@@ -79,12 +87,14 @@ class Ground(NamedTuple):
 
 
 class Airplane(NamedTuple):
-    """Level flight at `airspeed_m_s` takes `pitch_trim_rad` and `throttle_trim` (0 to 1)."""
+    """Level flight at `airspeed_m_s` takes `pitch_trim_rad` and `throttle_trim` (0 to 1); a throttle so much
+    off that, at most, keeps the airspeed within its envelope."""
 
     airspeed_m_s: float
     bank_max_rad: float
     pitch_trim_rad: float
     throttle_trim: float
+    throttle_off_max: float = THROTTLE_STEP
 
 
 class Copter(NamedTuple):
@@ -132,27 +142,39 @@ def ground_runs(limits: Ground) -> tuple[Run, ...]:
 
 
 def airplane_runs(limits: Airplane) -> tuple[Run, ...]:
-    """Bank, with height and speed held; pitch about its trim with the throttle fixed; throttle about its trim
+    """Bank, with height and speed held; pitch about its trim with the speed held; throttle about its trim
     with the wings level and the height held."""
     low, high = THROTTLE_ENDS
     trim, pitch = limits.throttle_trim, limits.pitch_trim_rad
-    throttle = min(THROTTLE, trim - low, high - trim)
-    if throttle < THROTTLE_LEAST:
+    if min(trim - low, high - trim) < THROTTLE_LEAST:
         raise ValueError(
             f"throttle {trim:g} in level flight leaves no room for a step of {THROTTLE_LEAST:g} within "
             f"{low:g} to {high:g}: fly faster or slower"
         )
+    throttle = min(THROTTLE_STEP, trim - low, high - trim, limits.throttle_off_max)
+    if throttle < THROTTLE_LEAST:
+        raise ValueError(
+            f"at {limits.airspeed_m_s:g} m/s a throttle that is {throttle:.2g} off already uses up the room "
+            f"to the least or the greatest airspeed, and a step of {THROTTLE_LEAST:g} is needed: fly faster "
+            "or slower"
+        )
     bank = min(BANK_RAD, 0.9 * limits.bank_max_rad)
-    level = ("roll_rad", 0.0)
+    level = (ROLL, 0.0)
     return (
-        Run("bank", "roll_rad", (Hold(LEAD_S, 0.0), *_pairs((PART * bank, bank), 3.0, 2.0))),
+        Run("bank", ROLL, (Hold(LEAD_S, 0.0), *_pairs((PART * bank, bank), 2.0, 1.5))),
         Run(
             "pitch",
-            "pitch_rad",
-            (Hold(LEAD_S, pitch), *_pairs((PITCH_RAD,), 2.6, 2.0, pitch)),
-            (level, ("throttle", trim)),
+            PITCH,
+            # down first: the speed that it gains is there when the nose goes up
+            (Hold(LEAD_S, pitch), *_pairs((-PITCH_RAD,), 2.6, 2.0, pitch)),
+            (level,),
         ),
-        Run("throttle", "throttle", (Hold(LEAD_S, trim), *_pairs((throttle,), 4.0, 4.0, trim)), (level,)),
+        Run(
+            "throttle",
+            THROTTLE,
+            (Hold(LEAD_S, trim), *_pairs((throttle,), THROTTLE_S, THROTTLE_S, trim)),
+            (level,),
+        ),
     )
 
 
@@ -162,7 +184,7 @@ def copter_runs(limits: Copter) -> tuple[Run, ...]:
     climb = min(CLIMB_M_S, PART * limits.climb_max_m_s)
     turn = min(YAW_RATE_RAD_S, PART * limits.yaw_rate_max_rad_s)
     axes = (("north", speed), ("east", speed), ("down", climb))
-    names = ("north_m_s", "east_m_s", "down_m_s", "yaw_rate_rad_s")
+    names = (*VELOCITY, YAW_RATE)
 
     def run(name: str, channel: str, sizes: Sequence[float], away_s: float, back_s: float) -> Run:
         holds = (Hold(LEAD_S, 0.0), *_pairs(sizes, away_s, back_s))
@@ -170,7 +192,7 @@ def copter_runs(limits: Copter) -> tuple[Run, ...]:
 
     return (
         *(run(f"velocity {axis}", f"{axis}_m_s", (size,), 3.5, 2.5) for axis, size in axes),
-        run("yaw rate", "yaw_rate_rad_s", (SMALL * turn, turn), 2.0, 1.5),
+        run("yaw rate", YAW_RATE, (SMALL * turn, turn), 2.0, 1.5),
     )
 
 

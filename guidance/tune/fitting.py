@@ -20,6 +20,7 @@ LEAD_MAX_S: Final = 3.0
 SECOND_LAG_PART: Final = 0.4
 #: What is known to be possible, a slew limit or a led command, must gain so much: twice the log likelihood.
 WORTH: Final = 20.0
+REACHED_PART: Final = 0.97
 #: The part at the end of a hold in which the answer is looked at as settled.
 SETTLED_PART: Final = 0.3
 #: A step and its way back are a repeat if they differ by less than this part.
@@ -103,7 +104,10 @@ class Fitting:
             if self._worth(tried[1], squares) > WORTH:
                 one, squares, errors = tried
         free, more, free_errors = self._fit(one._replace(slew=inf))
-        if self._worth(squares, more) < WORTH:
+        # as steep as the lag alone begins the largest step is no limit, however little noise there is
+        begins = abs(one.gain) * step / one.tau_s
+        reached = one.form is Form.LED or one.slew < REACHED_PART * begins
+        if not reached or self._worth(squares, more) < WORTH:
             one, squares, errors = free, more, free_errors
         self.errors = errors
         return one, squares

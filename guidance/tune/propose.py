@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 from guidance.limits import SLEW_PART
 from guidance.tune.answer import Form, character
-from guidance.tune.excitation import SMALL
+from guidance.tune.excitation import GRAVITY_M_S2, SMALL
 from guidance.tune.identify import Identified, Refused
 
 #: rho and lambda k times (delay + lag): from about twice that on there are limit cycles.
@@ -27,12 +27,14 @@ MARGIN: Final = 0.5
 K_MOST_PER_S: Final = 1.0
 #: Near the path speed changes by no more than this.
 CHANGE_M_S: Final = 1.0
+#: The same for the turn around a bank, whose lags are known to the handling.
+MARGIN_AIRPLANE: Final = 0.65
 #: No airplane was flown with more.
 RHO_AIRPLANE_MOST_PER_S: Final = 1.8
 COURSE_PART: Final = 1.0 / 3.0
 #: Of a measured acceleration so much is asked for, and of a mean slope; the rest is for the loops.
 ACCELERATION_PART: Final = 0.95
-SLOPE_PART: Final = 0.8
+SLOPE_PART: Final = 0.9
 ROLL_RATE_PART: Final = 0.7
 #: Of the highest speed, the fastest approach.
 APPROACH_PART: Final = 0.8
@@ -66,9 +68,13 @@ def ground_lines(results: Results, known: Known) -> tuple[Line, ...]:
     return tuple(_ground(_found(results, "yaw_rate_rad_s"), _found(results, "speed_m_s"), known))
 
 
-def airplane_lines(results: Results) -> tuple[Line, ...]:
-    """Of `roll_rad`; what throttle does is learned in flight."""
-    return tuple(_airplane(_found(results, "roll_rad")))
+def airplane_lines(results: Results, airspeed_m_s: float = 0.0) -> tuple[Line, ...]:
+    """Of `roll_rad` and, at this airspeed, `throttle`; pitch is answered as it is, and its trim learned."""
+    throttle = _found(results, "throttle") if airspeed_m_s else None
+    return (
+        *_airplane(_found(results, "roll_rad")),
+        *(() if throttle is None else _throttle(throttle, airspeed_m_s)),
+    )
 
 
 def copter_lines(results: Results, known: Known) -> tuple[Line, ...]:
@@ -153,7 +159,14 @@ def _ground(yaw: Identified | None, speed: Identified | None, known: Known) -> I
 def _airplane(bank: Identified | None) -> Iterator[Line]:
     if bank:
         yield _delay(bank, "the bank")
+        # of two lags the one overshoots for the other: the mean is early, the loop around it is late by both
+        a = bank.answer
+        late = a.delay_s + max(character(a, SMALL * bank.step).lag_s, a.tau_s + a.tau2_s)
+        yield Line("airplane", "bank_lag_s", round(late, 2), "delay and lags of the bank, together")
         rho, why = _rho(bank, "the bank")
+        if rho > MARGIN_AIRPLANE / late:
+            rho = _down(MARGIN_AIRPLANE / late)
+            why = f"{MARGIN_AIRPLANE:g} over bank_lag_s: the turn is a loop around both lags"
         if rho > RHO_AIRPLANE_MOST_PER_S:
             rho = RHO_AIRPLANE_MOST_PER_S
             why += f"; no airplane was flown with more than {rho:g}"
@@ -175,12 +188,42 @@ def _airplane(bank: Identified | None) -> Iterator[Line]:
             )
 
 
+def _throttle(found: Identified, airspeed_m_s: float) -> Iterator[Line]:
+    """V' = thrust u - ..., so that the gain over the lag is the thrust; and V = K u + b in level flight."""
+    a, V = found.answer, airspeed_m_s
+    thrust, cruise = a.gain / a.tau_s, (V - a.offset) / a.gain
+    if not 0.01 <= cruise <= 0.95:
+        return
+    yield Line(
+        "airplane",
+        "throttle_cruise",
+        round(cruise, 2),
+        f"it holds {V:.3g} m/s; airspeed_cruise_m_s must be the same",
+    )
+    yield Line(
+        "airplane",
+        "climb_full_m_s",
+        _down(V * thrust * (1.0 - cruise) / GRAVITY_M_S2),
+        f"at {V:.3g} m/s: {thrust:.3g} m/s^2 at full throttle, {cruise:.2g} of it to fly level",
+    )
+    yield Line(
+        "airplane",
+        "throttle_lag_s",
+        round(max(a.delay_s, 0.02), 3),
+        "from a throttle that is asked for until it pulls",
+    )
+
+
 def _copter(
     level: Sequence[Identified], down: Identified | None, yaw: Identified | None, known: Known
 ) -> Iterator[Line]:
     slowest = max(level, key=_late_s, default=None)
     if slowest:
-        yield _delay(slowest, "the velocity")
+        # a velocity that the autopilot shapes is late by that, too, which the handling counts with already
+        if slowest.answer.slew == inf:
+            yield _delay(slowest, "the velocity")
+        elif yaw:
+            yield _delay(yaw, "the yaw rate")
         yield _k("law", "k", slowest, "the velocity")
     if yaw:
         rho, why = _rho(yaw, "the yaw rate")

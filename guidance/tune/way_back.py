@@ -90,12 +90,14 @@ def way_back(start: Place, end: Place, radius_m: float, straight_m: float) -> Pa
     return Path(start, min(found, key=lambda pieces: sum(piece.length_m for piece in pieces)))
 
 
-def with_ways_back(box: Box, runs: Iterable[Run], radius_m: float, straight_m: float) -> Box:
-    """The room with the ways back from where runs of a vehicle that stands at their ends may end."""
+def with_ways_back(
+    box: Box, runs: Iterable[Run], radius_m: float, straight_m: float, airspeed_m_s: float = 0.0
+) -> Box:
+    """The room with the ways back from where runs may end, `space_needed` as it coasts there."""
     start = Place(0.0, 0.0, 0.0)
     for run in runs:
         for turns in TURNS:
-            *_, (ahead, right, _, heading) = path(run, 0.0, turns)
+            *_, (ahead, right, _, heading) = path(run, airspeed_m_s, turns)
             way = way_back(Place(ahead, right, heading), start, radius_m, straight_m)
             for n in range(round(way.length_m / LOOK_M)):
                 (north, east, _), _ = way.at(n * LOOK_M)

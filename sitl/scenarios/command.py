@@ -37,7 +37,7 @@ def scenarios(
         Path, typer.Option(metavar="DIR", help="Where PROFILE.toml are; those that ship are in deploy.")
     ] = DEPLOY,
     as_json: Annotated[bool, typer.Option("--json", help="A list of objects on stdout.")] = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="The table as the README has it.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="As docs/results.md has it.")] = False,
 ) -> None:
     """Fly every profile's tasks, the whole service against the built-in vehicle with an estimator's noise.
 

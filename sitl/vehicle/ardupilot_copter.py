@@ -203,8 +203,14 @@ class ArduCopter(ArduPilot):
             ep, eq, er = attitude_error(state.attitude_wxyz, target.attitude_wxyz)
             p, q = p + value["ATC_ANG_RLL_P"] * ep, q + value["ATC_ANG_PIT_P"] * eq
             r += value["ATC_ANG_YAW_P"] * er
+        _, x, y, _ = state.attitude_wxyz
+        upright = 1.0 - 2.0 * (x * x + y * y)
         if target.raw:
-            return RatesThrust((p, q, r), max(0.0, min(1.0, target.climb_m_s)))
+            # `get_throttle_boosted`, whatever the thrust is meant to be
+            boost = (
+                max(0.0, min(1.0, 10.0 * upright)) / max(0.1, upright) if value["ATC_ANGLE_BOOST"] else 1.0
+            )
+            return RatesThrust((p, q, r), max(0.0, min(1.0, boost * target.climb_m_s)))
         height = -state.position_ned_m[2]
         if self._height_m is None:
             self._height_m = height
@@ -213,10 +219,10 @@ class ArduCopter(ArduPilot):
             self._height_m = max(height - 1.0, min(height + 1.0, self._height_m))
         self._height_ns = self.now_ns
         climb = target.climb_m_s + HEIGHT_PER_S * (self._height_m - height)
-        _, x, y, _ = state.attitude_wxyz
-        upright = max(COS_MIN, 1.0 - 2.0 * (x * x + y * y))
         share = 1.0 + CLIMB_PER_S * (climb + state.velocity_ned_m_s[2]) / GRAVITY_M_S2
-        return RatesThrust((p, q, r), max(0.0, min(1.0, value["MOT_THST_HOVER"] * share / upright)))
+        return RatesThrust(
+            (p, q, r), max(0.0, min(1.0, value["MOT_THST_HOVER"] * share / max(COS_MIN, upright)))
+        )
 
     def _by_velocity(self, target: VelocityTarget, state: BodyState) -> Control:
         value = self.parameters

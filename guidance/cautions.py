@@ -1,0 +1,91 @@
+"""What forbids no flight and must be known before it: looked for while none is under way, and told once.
+
+What flies the vehicle knows most of it (`Handler.cautions`). How much the position jitters is found here.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import sqrt
+from typing import Final
+
+from guidance.estimate import Estimate, PositionSample
+from guidance.flying import Caution
+from guidance.mavlink.link import AutopilotLink
+from guidance.se3 import add, scale, subtract
+from guidance.tracker import Tracker
+
+#: Between two looks.
+LOOK_NS: Final = 1_000_000_000
+#: What was away for so long is told again.
+AGAIN_NS: Final = 60_000_000_000
+#: The jitter is taken over so many positions.
+JITTER_SAMPLES: Final = 60
+#: Three times what the shipped configurations are flown with and their smoothing is made for.
+JITTER_MAX_M: Final = 0.15
+
+
+class Jitter:
+    """White noise of a position: what velocity does not explain of the way from one sample to the next."""
+
+    def __init__(self) -> None:
+        self._last: PositionSample | None = None
+        self._squares: deque[float] = deque(maxlen=JITTER_SAMPLES)
+
+    def take(self, sample: PositionSample) -> None:
+        """The newest; one that was taken before is no news."""
+        last, self._last = self._last, sample
+        if last is None or sample.instant_ns <= last.instant_ns:
+            return
+        half_s = 0.5e-9 * (sample.instant_ns - last.instant_ns)
+        moved = subtract(sample.position_ned_m, last.position_ned_m)
+        meant = scale(half_s, add(sample.velocity_ned_m_s, last.velocity_ned_m_s))
+        self._squares.append((moved.x - meant.x) ** 2 + (moved.y - meant.y) ** 2)
+
+    @property
+    def sigma_m(self) -> float:
+        """Of each level component, m; 0 before enough was taken. A jump is no noise: the largest are out."""
+        if len(self._squares) < JITTER_SAMPLES:
+            return 0.0
+        usual = sorted(self._squares)[: JITTER_SAMPLES - JITTER_SAMPLES // 10]
+        return sqrt(sum(usual) / len(usual)) / 2.0
+
+
+class Cautions:
+    """`standing` are those of the last look before a flight, and in it."""
+
+    def __init__(self) -> None:
+        self.standing: tuple[Caution, ...] = ()
+        self._jitter = Jitter()
+        self._look_ns = 0
+        self._stood_ns: dict[str, int] = {}
+
+    def look(
+        self, tracker: Tracker, link: AutopilotLink, estimate: Estimate | str, now_ns: int
+    ) -> list[Caution]:
+        """Look, if it is time: those that were not told yet. Only while no flight is under way, and of a
+        vehicle that can be flown at all."""
+        if isinstance(estimate, str):
+            return []
+        self._jitter.take(estimate.position)
+        if now_ns < self._look_ns:
+            return []
+        self._look_ns = now_ns + LOOK_NS
+        self.standing = (*tracker.cautions(estimate, link.origin, link.home), *self._noise())
+        new = []
+        for caution in self.standing:
+            stood_ns = self._stood_ns.get(caution.about)
+            if stood_ns is None or now_ns - stood_ns > AGAIN_NS:
+                new.append(caution)
+            self._stood_ns[caution.about] = now_ns
+        return new
+
+    def _noise(self) -> tuple[Caution, ...]:
+        sigma_m = self._jitter.sigma_m
+        if sigma_m <= JITTER_MAX_M:
+            return ()
+        text = (
+            f"the position jitters by {sigma_m:.2f} m from one sample to the next, smoothing is made for "
+            f"{JITTER_MAX_M / 3.0:g} m: has the estimator settled?"
+        )
+        return (Caution("noise", text),)

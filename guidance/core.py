@@ -98,7 +98,7 @@ class Guide:
         self.cautions = Cautions()
         self.guards = Guards(config, self.profile, self.link, self.tracker)
         self.steering = Steering(
-            config, self.profile, self.connection, self.link, self.tracker, self._estimator, self.guards
+            config, self.connection, self.link, self.tracker, self._estimator, self.guards
         )
         self._news = News()
         self._told = Telling()
@@ -108,6 +108,7 @@ class Guide:
         self._watch_ns = 0
         self._reboots = 0
         self._words = Words()
+        self._asked = self.profile.asked
 
     # Inputs ------------------------------------------------------------------------------------------
 
@@ -347,7 +348,14 @@ class Guide:
         if gap_s is not None:
             self._told.event(Level.WARNING, "setpoint_gap", f"{gap_s * 1e3:.0f} ms between setpoints", now_ns)
         self._told.cadence.told("state", now_ns)
-        self._told.add(*setpoint_records(sent.estimate, sent.solution, sent.outgoing, self.setpoints_sent))
+        if sent.row.asked is not self._asked:
+            self._asked = sent.row.asked
+            text = f"setpoints ask for {self._asked} (type_mask {sent.row.type_mask:#04x})"
+            self._told.event(Level.NOTICE, "setpoint_row", text, now_ns)
+        made = setpoint_records(
+            sent.estimate, sent.solution, sent.outgoing, sent.row.type_mask, self.setpoints_sent
+        )
+        self._told.add(*made)
         self._told.stuck(None if sent.solution is None else sent.solution.flown.around, now_ns)
 
     def _tell_periodic(self, now_ns: int) -> None:

@@ -26,6 +26,8 @@ from guidance.tracker import Tracker
 ROUND_NS: Final = 100_000_000
 #: Engaging waits no longer than this for what a flight does not need and is slow to come, or absent.
 PATIENCE_NS: Final = 2_000_000_000
+#: And no longer for the version, which is asked for once a second, where setpoints go by it.
+VERSION_PATIENCE_NS: Final = 5_000_000_000
 
 #: Between two looks in flight: who changes one over and over fills nobody's log.
 CALM_NS: Final = 500_000_000
@@ -102,10 +104,14 @@ class Fitting:
             self._link.outbox.send(request_read(name, self._link.system, self._link.component))
 
     def _known(self, now_ns: int) -> bool:
-        """Whether all are, or those that a flight needs and the others had their time."""
+        """Whether all are, and the version where it counts; or what a flight needs, after some patience."""
+        waited_ns = 0 if self._first_ns is None else now_ns - self._first_ns
+        by_version = self._profile.older is not None
+        if by_version and self._link.version is None and waited_ns < VERSION_PATIENCE_NS:
+            return False
         if self._reader.complete:
             return True
-        if self._first_ns is None or now_ns - self._first_ns < PATIENCE_NS:
+        if waited_ns < PATIENCE_NS:
             return False
         needed = (row for row in self._profile.requirements if row.required)
         return all(row.value(self._reader.values) is not None for row in needed)

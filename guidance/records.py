@@ -118,7 +118,9 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
 
     `demanded_*` are (11) and (14) before, `body_rates_frd_rad_s` and `speed_m_s` after all limits.
     `neutral` marks a setpoint that asks for nothing (proof of life before tracking). `attitude_wxyz` is that
-    of an airplane, whose thrust is its throttle; `velocity_ned_m_s` is what vehicles are told that take one.
+    of an airplane, whose thrust is its throttle, or stands beside an underwater vehicle's rates;
+    `velocity_ned_m_s` is what vehicles are told that take one. `type_mask` is the message's: which of its
+    fields count; logs from before it was kept have none.
     """
 
     seq: int
@@ -132,6 +134,7 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     singular: bool
     attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)
     velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
+    type_mask: int | None = None
 
 
 class TrackingError(Record, frozen=True, kw_only=True, gc=False):

@@ -132,7 +132,9 @@ class News:
         return Event(t_ns=now_ns, level=Level.WARNING, code="estimator_reset", text=str(happened))
 
 
-def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoing, seq: int) -> list[Record]:
+def setpoint_records(
+    estimate: Estimate, solution: Solution | None, out: Outgoing, type_mask: int, seq: int
+) -> list[Record]:
     """The state, and what was made of it; a neutral setpoint has no reference and no error."""
     t_ns = estimate.instant_ns
     made: list[Record] = [state_record(estimate)]
@@ -178,6 +180,7 @@ def setpoint_records(estimate: Estimate, solution: Solution | None, out: Outgoin
             singular=singular,
             attitude_wxyz=out.attitude_wxyz,
             velocity_ned_m_s=out.velocity_ned_m_s,
+            type_mask=type_mask,
         )
     )
     if solution is not None and solution.flown.around is not None:

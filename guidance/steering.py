@@ -17,11 +17,13 @@ from guidance.tracker import Solution, Tracker
 
 
 class Sent(NamedTuple):
-    """One setpoint that was sent, what it was made of (`solution`: None for neutral), and when it was due."""
+    """One setpoint that was sent, what it was made of (`solution`: None for neutral) and by which row, and
+    when it was due."""
 
     estimate: Estimate
     solution: Solution | None
     outgoing: Outgoing
+    row: Profile
     due_ns: int
 
 
@@ -31,7 +33,6 @@ class Steering:
     def __init__(
         self,
         config: Config,
-        profile: Profile,
         connection: Connection,
         link: AutopilotLink,
         tracker: Tracker,
@@ -42,7 +43,6 @@ class Steering:
         self.sent_ns: int | None = None
         self.pace = Pace(config.link.rate_hz)
         self._config = config
-        self._profile = profile
         self._connection = connection
         self._link = link
         self._tracker = tracker
@@ -71,16 +71,15 @@ class Steering:
         estimate = self.basis(now_ns)
         if isinstance(estimate, str):
             return estimate
+        row = self._tracker.row_for(self._link.version)
         solution = self._solve(estimate, now_ns) if law else None
         if isinstance(solution, str):
             return solution
         out = self._tracker.neutral(estimate) if solution is None else solution.outgoing
-        self._link.outbox.send(
-            setpoint_message(self._profile, out, self._link.system, self._link.component, boot_ms)
-        )
+        self._link.outbox.send(setpoint_message(row, out, self._link.system, self._link.component, boot_ms))
         self.setpoints_sent += 1
         self.sent_ns = now_ns
-        return Sent(estimate, solution, out, due_ns)
+        return Sent(estimate, solution, out, row, due_ns)
 
     def _solve(self, estimate: Estimate, now_ns: int) -> Solution | str:
         if self._tracker.start_ns is None:

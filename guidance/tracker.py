@@ -22,7 +22,7 @@ from guidance.estimate import Estimate
 from guidance.flying import Caution, Flown
 from guidance.flying.choice import handler_of
 from guidance.law import Evaluation, planar
-from guidance.mavlink.messages import GpsGlobalOrigin, HomePosition
+from guidance.mavlink.messages import AutopilotVersion, GpsGlobalOrigin, HomePosition
 from guidance.mavlink.profiles import Profile
 from guidance.mavlink.setpoints import Outgoing, outgoing
 from guidance.prediction import NOTHING_SENT, History, sent
@@ -88,6 +88,7 @@ class Tracker:
         self._stepped_ns = 0
         self._speed_at_full_thrust_m_s = config.vehicle.speed_at_full_thrust_m_s
         self._profile = profile
+        self._row = profile
         self._forget_resets()
 
     def _forget_resets(self) -> None:
@@ -107,8 +108,17 @@ class Tracker:
         """The setpoints of this flight, none before and after it."""
         return NOTHING_SENT if self.start_ns is None else self._history
 
+    def row_for(self, version: AutopilotVersion | None) -> Profile:
+        """The row by which setpoints go out from here on, of an autopilot of that version (None: not known).
+
+        Within a flight it never goes back from what moves every version to what moves only newer ones.
+        """
+        self._row = self._row.for_version(version)
+        return self._row
+
     def stop(self) -> None:
         """The flight is over; the next one starts anew."""
+        self._row = self._profile
         self.start_ns = None
         self.origin_ned_m = None
         self.paused_s = None
@@ -271,12 +281,12 @@ class Tracker:
             reference = blended(reference, self._offset)
         flown = self.handler.step(estimate, reference, dt_s)
         self._history = sent(self._history, estimate.instant_ns, flown.acting_rates_frd_rad_s)
-        out = outgoing(self._profile, flown.demand, self._speed_at_full_thrust_m_s)
+        out = outgoing(self._row, flown.demand, self._speed_at_full_thrust_m_s)
         return Solution(trajectory_s, self._offset.position, flown, out)
 
     def neutral(self, estimate: Estimate) -> Outgoing:
         """What asks the vehicle to stay as it is."""
-        return outgoing(self._profile, self.handler.neutral(estimate), self._speed_at_full_thrust_m_s)
+        return outgoing(self._row, self.handler.neutral(estimate), self._speed_at_full_thrust_m_s)
 
 
 def _ground_down_m(ekf: GpsGlobalOrigin | None, home: HomePosition | None) -> float | None:

@@ -98,6 +98,10 @@ def vehicle(
     max_speed: Annotated[float, typer.Option(help="ideal: bound on the forward speed, m/s.")] = 5.0,
     rate_lag: Annotated[float, typer.Option(help="ideal: first-order lag of the body rates, s.")] = 0.0,
     speed_lag: Annotated[float, typer.Option(help="ideal: first-order lag of the speed, s.")] = 0.0,
+    px4_version: Annotated[
+        str,
+        typer.Option(metavar="X.Y.Z", help="px4: its version; a UUV before 1.17 needs an attitude to move."),
+    ] = "1.17.0",
     full_thrust_speed: Annotated[float, typer.Option(help="px4-uuv: speed at thrust 1, m/s.")] = 5.0,
     noise: Annotated[
         bool, typer.Option("--noise", help="An estimator with the usual noise, biases and heading error.")
@@ -165,6 +169,7 @@ def vehicle(
             initially_armed=arm,
             airborne=airborne,
             origin=Origin() if home is None else Origin(*_three("--home", home)),
+            px4_version=_version(px4_version),
             speed_at_full_thrust_m_s=full_thrust_speed,
             parameters=_parameters(set_ or []),
             clock_drift_ppm=clock_drift_ppm,
@@ -249,6 +254,14 @@ def _address(text: str) -> tuple[str, int]:
     if not host or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ValueError(f"--to must be HOST:PORT with a port of 1 to 65535, not {text!r}")
     return host, int(port)
+
+
+def _version(text: str) -> tuple[int, int, int]:
+    parts = text.split(".")
+    if len(parts) != 3 or not all(part.isdecimal() for part in parts):
+        raise ValueError(f"--px4-version must be three numbers such as 1.16.0, not {text!r}")
+    major, minor, patch = map(int, parts)
+    return (major, minor, patch)
 
 
 def _key(path: Path) -> bytes:

@@ -100,7 +100,10 @@ def get(port: int, path: str, **headers: str) -> tuple[int, str, Mapping[str, st
 def page(port: int, origin: str | None = "", **options: Any) -> ClientConnection:
     chosen = f"http://127.0.0.1:{port}" if origin == "" else origin
     from_page = None if chosen is None else Origin(chosen)
-    return connect(f"ws://127.0.0.1:{port}/live", origin=from_page, max_size=None, **options)
+    client: ClientConnection = connect(
+        f"ws://127.0.0.1:{port}/live", origin=from_page, max_size=None, **options
+    )
+    return client
 
 
 def until(client: ClientConnection, wanted: Callable[[Any], bool]) -> Any:

@@ -15,6 +15,8 @@ from guidance.mavlink.codec import FrameReader
 from guidance.mavlink.messages import DECODERS, ParamValue
 from guidance.mavlink.parameters import TIMES_ASKED, ParameterReader, name_of, value_of
 from guidance.mavlink.profiles import PROFILES
+from guidance.mavlink.requirements import Grade
+from guidance.mavlink.requirements import judged as judge
 from guidance.preflight.findings import Verdict
 from guidance.preflight.vehicle_checks import judged
 from tests.helpers import ROVER, make_config
@@ -205,6 +207,47 @@ def test_each_value_is_judged_for_what_it_does(
     assert (finding.verdict, finding.found) == (verdict, found)
     assert finding.todo.startswith(todo)
     assert bool(finding.todo) == bool(todo)
+
+
+#: As PX4 comes, if nobody sets them.
+STOCK = {"COM_RC_IN_MODE": 3, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0}
+
+
+@pytest.mark.parametrize(
+    ("said", "warned"),
+    [
+        ({}, {"COM_RCL_EXCEPT": "0: OFFBOARD ends when sticks are lost"}),
+        ({"COM_RCL_EXCEPT": 3}, {"COM_RCL_EXCEPT": "3: OFFBOARD ends when sticks are lost"}),
+        ({"COM_RCL_EXCEPT": 4}, {}),
+        ({"COM_RCL_EXCEPT": 7, "NAV_RCL_ACT": 6}, {"NAV_RCL_ACT": "6: disarm"}),
+        ({"COM_RC_IN_MODE": 4, "NAV_RCL_ACT": 6}, {}),
+        ({"COM_RC_IN_MODE": 4, "NAV_DLL_ACT": 1}, {"NAV_DLL_ACT": "1: hold"}),
+        (
+            {"COM_RCL_EXCEPT": 4, "COM_RC_IN_MODE": 9},
+            {"COM_RC_IN_MODE": "9: a meaning that is not known here"},
+        ),
+    ],
+)
+@pytest.mark.parametrize("profile", ["px4-uuv", "px4-plane", "px4-copter", "px4-rover"])
+def test_what_ends_offboard_without_sticks_or_a_ground_station_is_warned_of(
+    profile: str, said: dict[str, float], warned: dict[str, str]
+) -> None:
+    """`failsafe.cpp` and `rcAndDataLinkCheck.cpp` of PX4 1.14 to main of 2026-03."""
+    answers = STOCK | said
+    rows = [row for row in PROFILES[profile].requirements if row.parameter in STOCK]
+    assert {row.parameter for row in rows} == STOCK.keys()
+    found = [(row, judge(row, answers, make_config())) for row in rows]
+    assert {one.name: one.found for _, one in found if one.grade is Grade.DOUBTFUL} == warned
+    assert all(one.grade in (Grade.GOOD, Grade.DOUBTFUL) for _, one in found), "none forbids a flight"
+    assert not any(row.used or row.required for row in rows)
+
+
+def test_what_is_quiet_is_shown_only_if_something_is_wrong_with_it() -> None:
+    assert not STOCK.keys() & Bench().findings().keys()
+    shown = Bench(vehicle={"parameters": STOCK}).findings()
+    assert STOCK.keys() & shown.keys() == {"COM_RCL_EXCEPT"}
+    assert shown["COM_RCL_EXCEPT"].verdict is Verdict.WARN
+    assert "add 4 to it (bit 2)" in shown["COM_RCL_EXCEPT"].todo
 
 
 def test_a_parameter_that_the_autopilot_lacks_says_so_and_an_older_name_stands_in() -> None:

@@ -40,7 +40,7 @@ LEFT_OUT = {
 #: Fields whose recorded values do not bind: another vehicle, or a quantity that the plant does not model.
 FREE = {
     Firmware.PX4_UUV: {
-        "AUTOPILOT_VERSION": {"os_sw_version", "uid"},
+        "AUTOPILOT_VERSION": {"flight_sw_version", "middleware_sw_version", "os_sw_version", "uid"},
         "BATTERY_STATUS": {"current_battery", "current_consumed"},
         "ESTIMATOR_STATUS": set(),
         "GPS_RAW_INT": {"h_acc", "v_acc", "vel_acc"},
@@ -74,7 +74,10 @@ FREE = {
         "SYS_STATUS": {"current_battery"},
     },
 }
-PARAMETERS_OF_A_UUV = {"UUV_PITCH_P", "UUV_ROLL_P", "UUV_YAW_P"}
+PARAMETERS_OF_A_UUV = {f"UUV_{axis}_{gain}" for axis in ("ROLL", "PITCH", "YAW") for gain in "PD"} | {
+    "UUV_THRUST_SAT",
+    "UUV_TORQUE_SAT",
+}
 #: Of ArduRover, and not among those that were recorded (`Rover/Parameters.cpp`).
 PARAMETERS_NOT_RECORDED = {"FS_GCS_ENABLE", "LOIT_RADIUS"}
 

@@ -1,4 +1,9 @@
-"""The law alone: body rates and forward speed, as the paper has it."""
+"""The law alone: body rates and forward speed, as the paper has it.
+
+Beside the rates it says the attitude that the autopilot will have in the middle of the setpoint's time. A PX4
+that takes no rates without one (`profiles.Older`) turns by P of the angle to it and D of what the rates miss:
+told the attitude that it has, it turns by the rates. Others are not sent it.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +20,9 @@ from guidance.flying.ground_feasible import ardupilot_abilities
 from guidance.law import UNSTARTED, Memory, Parameters, guide_step, planar
 from guidance.mavlink.messages import Body
 from guidance.mavlink.setpoints import Demand
-from guidance.se3 import ZERO, Reference, Twist, Vec3
+from guidance.se3 import ZERO, Quaternion, Reference, Twist, Vec3
 from guidance.tuning import ALLOCATIONS, parameters
 
-_NEUTRAL: Final = Demand()
 _SPEED: Final = ("WP_SPEED",)
 
 
@@ -35,6 +39,7 @@ class Rates:
         self._config = config
         self._memory: Memory = UNSTARTED
         self._parameters: Parameters
+        self._held_ns = round(1e9 * (0.5 / config.link.rate_hz - config.link.actuation_delay_s))
         self.configure(config, ZERO, config.law.allocation)
 
     def configure(self, config: Config, origin_ned_m: Vec3, allocation: str) -> str | None:
@@ -99,8 +104,12 @@ class Rates:
         self._memory, found = guide_step(self._parameters, self._memory, pose, twist, reference, dt_s)
         u = found.controls
         rates = Vec3(u.u1, u.u2, u.u3)
-        return Flown(Demand(rates, u.u4), reference, found, rates)
+        return Flown(Demand(rates, u.u4, self._attitude(estimate)), reference, found, rates)
 
     def neutral(self, estimate: Estimate) -> Demand:
         """No turn and no speed."""
-        return _NEUTRAL
+        return Demand(attitude=self._attitude(estimate))
+
+    def _attitude(self, estimate: Estimate) -> Quaternion:
+        """The autopilot's own, half-way from this setpoint to the next; it compares before actuators act."""
+        return estimate.attitude_at(estimate.instant_ns + self._held_ns)

@@ -22,7 +22,7 @@ from guidance.mavlink.ardupilot_requirements import (
     PLANE_GUIDED,
     ROVER_GUIDED,
 )
-from guidance.mavlink.messages import Heartbeat
+from guidance.mavlink.messages import AutopilotVersion, Heartbeat
 from guidance.mavlink.modes import COPTER_MODES, PLANE_MODES, PX4_MODES, ROVER_MODES, Mode
 from guidance.mavlink.px4_requirements import (
     PX4_COPTER,
@@ -40,6 +40,9 @@ _IGNORE_ATTITUDE: Final = 128
 #: Of SET_POSITION_TARGET_LOCAL_NED: position, acceleration, yaw; what is left is velocity and yaw rate.
 _VELOCITY_AND_YAW_RATE: Final = 0x5C7
 _VELOCITY: Final = 0xDC7
+#: The first PX4 whose `uuv_att_control` has an output by body rates alone (PX4/PX4-Autopilot#25052, 2025-07):
+#: 1.17.0, from its release candidates on. What was built on the way to it may be from before.
+_PX4_UUV_BY_RATES: Final = 1 << 24 | 17 << 16 | dialect.FIRMWARE_VERSION_TYPE_RC
 
 
 class Handling(StrEnum):
@@ -55,10 +58,22 @@ class Asked(StrEnum):
     """What a setpoint carries, and with it its message."""
 
     RATES_SPEED = "body rates and thrust for a speed"
+    ATTITUDE_RATES_SPEED = "attitude, body rates and thrust for a speed"
     YAW_RATE_SPEED = "yaw rate and thrust for a speed"
     ATTITUDE_THROTTLE = "roll, pitch and throttle"
     RATES_THROTTLE = "body rates and throttle"
     VELOCITY_YAW_RATE = "velocity and yaw rate"
+
+
+class Older(NamedTuple):
+    """What every version takes, for one from before `first_version` or of which that is not known.
+
+    It is a `flight_sw_version` of AUTOPILOT_VERSION: major, minor, patch, kind of release, a byte each.
+    """
+
+    first_version: int
+    asked: Asked
+    type_mask: int
 
 
 class Profile(NamedTuple):
@@ -74,7 +89,8 @@ class Profile(NamedTuple):
 
     `full_thrust_parameter` is the speed that full thrust asks for, if the firmware has one. `air` are the
     messages that tell of airspeed and wind, with their rates in Hz. `takes_rates` says that body rates and
-    throttle will do instead of what is `asked` (`by_rates`), with `rates_requirements` instead, if any.
+    throttle will do instead of what is `asked` (`by_rates`), with `rates_requirements` instead, if any. What
+    is asked moves no vehicle whose firmware is `older`, if there is such (`for_version`).
     """
 
     name: str
@@ -103,6 +119,7 @@ class Profile(NamedTuple):
     air: tuple[tuple[str, float], ...] = ()
     takes_rates: bool = False
     rates_requirements: tuple[Requirement, ...] = ()
+    older: Older | None = None
 
     def by_rates(self) -> Profile:
         """The same row, asked by body rates and throttle; a copter's throttle is its thrust upward."""
@@ -113,6 +130,15 @@ class Profile(NamedTuple):
             thrust_max=1.0,
             requirements=self.rates_requirements or self.requirements,
         )
+
+    def for_version(self, version: AutopilotVersion | None) -> Profile:
+        """The row that is sure to move that version, None if it is not known. One that moves any stays."""
+        if self.older is None:
+            return self
+        first, asked, type_mask = self.older
+        if version is not None and version.flight_sw_version >= first:
+            return self
+        return self._replace(asked=asked, type_mask=type_mask, older=None)
 
     def mode(self, name: str) -> Mode | None:
         """The mode of that name, None if this firmware has none; "hold" is the one that holds."""
@@ -162,6 +188,7 @@ def _px4(
     air: tuple[tuple[str, float], ...] = (),
     takes_rates: bool = False,
     rates_requirements: tuple[Requirement, ...] = (),
+    older: Older | None = None,
 ) -> Profile:
     """A row of PX4: the firmware's manners are those of every vehicle."""
     return Profile(
@@ -190,6 +217,7 @@ def _px4(
         air=air,
         takes_rates=takes_rates,
         rates_requirements=rates_requirements,
+        older=older,
     )
 
 
@@ -252,6 +280,7 @@ PROFILES: Final[dict[str, Profile]] = {
             Asked.RATES_SPEED,  # along +x for a submarine
             _IGNORE_ATTITUDE,  # PX4 takes the rates when roll and pitch rate are both unmasked
             PX4_UUV,
+            older=Older(_PX4_UUV_BY_RATES, Asked.ATTITUDE_RATES_SPEED, 0),
         ),
         _px4(
             "px4-plane",

@@ -16,6 +16,12 @@ from guidance.mavlink.requirements import Requirement
 _DEG: Final = math.radians(1.0)
 _SPEED: Final = (0.1, 150.0)
 
+#: Of COM_RC_IN_MODE: nobody steers by hand, and nothing is lost (`failsafe.cpp`, 1.14 to main of 2026-03).
+_NO_STICKS: Final = 4
+#: Of COM_RCL_EXCEPT: without bit 2.
+_STICKS_NEEDED: Final = frozenset(bits for bits in range(32) if not bits & 4)
+_LINK_LOSS: Final = {1: "hold", 2: "return", 3: "land", 5: "terminate", 6: "disarm"}
+
 PX4_OFFBOARD: Final = (
     Requirement(
         "COM_OF_LOSS_T",
@@ -41,6 +47,47 @@ PX4_OFFBOARD: Final = (
             7: "disarm",
         },
         doubtful=frozenset({6, 7}),
+    ),
+    Requirement(
+        "COM_RC_IN_MODE",
+        "",
+        meanings={
+            0: "sticks by radio",
+            1: "sticks by MAVLink",
+            2: "sticks by radio or MAVLink",
+            3: "sticks by the first that is heard",
+            _NO_STICKS: "no sticks",
+            **dict.fromkeys(range(5, 9), "sticks by radio or MAVLink, by priority"),
+        },
+        quiet=True,
+    ),
+    Requirement(
+        "COM_RCL_EXCEPT",
+        "sticks that are there at arming and lost in flight end OFFBOARD by NAV_RCL_ACT: if that is not "
+        "meant, add 4 to it (bit 2)",
+        meanings={
+            **dict.fromkeys(range(32), "OFFBOARD goes on without sticks"),
+            **dict.fromkeys(_STICKS_NEEDED, "OFFBOARD ends when sticks are lost"),
+        },
+        doubtful=_STICKS_NEEDED,
+        unless=("COM_RC_IN_MODE", _NO_STICKS),
+        quiet=True,
+    ),
+    Requirement(
+        "NAV_RCL_ACT",
+        "that is what the autopilot does when sticks are lost; is it meant?",
+        meanings={0: "nothing", **_LINK_LOSS},
+        doubtful=frozenset({5, 6}),
+        unless=("COM_RC_IN_MODE", _NO_STICKS),
+        quiet=True,
+    ),
+    Requirement(
+        "NAV_DLL_ACT",
+        "with no ground station it does not arm, and losing one in flight ends OFFBOARD (since 1.17 unless "
+        "COM_DLL_EXCEPT has bit 2): if that is not meant, set it to 0",
+        meanings={0: "nothing without a ground station", **_LINK_LOSS},
+        doubtful=frozenset(_LINK_LOSS),
+        quiet=True,
     ),
     Requirement(
         "MAV_FWDEXTSP",

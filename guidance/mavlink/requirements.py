@@ -30,6 +30,9 @@ class Requirement(NamedTuple):
     where the vehicle flies all the same. What is `required` must be there, and what is outside of `plausible`
     (in its own unit) must be corrected, before the vehicle is flown. What is `used` shapes the setpoints.
 
+    What one of `doubtful` would do does not come about while another parameter has the value of `unless`.
+    Of a `quiet` one there is nothing to show as long as it is good.
+
     `older` names, the newest first, are asked for as well; `older_scale` times their value is the value under
     this name.
     """
@@ -44,6 +47,8 @@ class Requirement(NamedTuple):
     serious: bool = True
     meanings: Mapping[int, str] = {}
     doubtful: frozenset[int] = frozenset()
+    unless: tuple[str, int] | None = None
+    quiet: bool = False
     older: tuple[str, ...] = ()
     older_scale: float = 1.0
     plausible: tuple[float, float] | None = None
@@ -127,7 +132,7 @@ def judged(row: Requirement, answers: Mapping[str, float], config: object) -> Ju
         )
     shown = f"{_number(value / own)} {row.unit if own == 1.0 else ''}".rstrip()
     if row.meanings:
-        return _meaning(row, name, value, shown)
+        return _meaning(row, name, value, shown, answers)
     if value <= 0.0 and row.zero_is_no_limit:
         return Judged(name, Grade.GOOD, "no limit")
     if row.plausible is not None and not _within(value, *row.plausible):
@@ -150,12 +155,13 @@ def _within(value: float, low: float, high: float) -> bool:
     return low - FLOAT32 * abs(low) <= value <= high + FLOAT32 * abs(high)
 
 
-def _meaning(row: Requirement, name: str, value: float, shown: str) -> Judged:
+def _meaning(row: Requirement, name: str, value: float, shown: str, answers: Mapping[str, float]) -> Judged:
     meaning = row.meanings.get(round(value))
     if meaning is None:
         todo = f"look it up in the firmware's own list: {row.why}"
         return Judged(name, Grade.DOUBTFUL, f"{shown}: a meaning that is not known here", todo)
-    if round(value) in row.doubtful:
+    moot = row.unless is not None and answers.get(row.unless[0]) == row.unless[1]
+    if round(value) in row.doubtful and not moot:
         return Judged(name, Grade.DOUBTFUL, f"{shown}: {meaning}", row.why)
     return Judged(name, Grade.GOOD, f"{shown}: {meaning}")
 

@@ -71,6 +71,14 @@ def _rate(value: float) -> float:
     return _clamp(value, -BODY_RATE_MAX_RAD_S, BODY_RATE_MAX_RAD_S)
 
 
+def _unit(attitude: Quaternion) -> tuple[float, float, float, float]:
+    """Of length 1; of length 0 it has no direction, and is NaN."""
+    w, x, y, z = attitude
+    length = sqrt(w * w + x * x + y * y + z * z)
+    scale = 1.0 / length if length > 0.0 else nan
+    return (scale * w, scale * x, scale * y, scale * z)
+
+
 def outgoing(profile: Profile, demand: Demand, speed_at_full_thrust_m_s: float) -> Outgoing:
     """The demand in the ranges that the autopilot gives a meaning.
 
@@ -80,22 +88,19 @@ def outgoing(profile: Profile, demand: Demand, speed_at_full_thrust_m_s: float) 
     p, q, r = demand.body_rates_frd_rad_s
     low, high = profile.thrust_min, profile.thrust_max
     match profile.asked:
-        case Asked.RATES_SPEED | Asked.YAW_RATE_SPEED:
+        case Asked.RATES_SPEED | Asked.ATTITUDE_RATES_SPEED | Asked.YAW_RATE_SPEED:
             rates = (_rate(p), _rate(q), _rate(r))
             if profile.asked is Asked.YAW_RATE_SPEED:
                 rates = (0.0, 0.0, rates[2])
             thrust = _clamp(demand.speed_m_s / speed_at_full_thrust_m_s, low, high)
-            return Outgoing(rates, thrust, thrust * speed_at_full_thrust_m_s)
+            out = Outgoing(rates, thrust, thrust * speed_at_full_thrust_m_s)
+            if profile.asked is Asked.ATTITUDE_RATES_SPEED:
+                return out._replace(attitude_wxyz=_unit(demand.attitude))
+            return out
         case Asked.RATES_THROTTLE:
             return Outgoing((_rate(p), _rate(q), _rate(r)), _clamp(demand.throttle, low, high))
         case Asked.ATTITUDE_THROTTLE:
-            w, x, y, z = demand.attitude
-            length = sqrt(w * w + x * x + y * y + z * z)
-            scale = 1.0 / length if length > 0.0 else nan
-            return Outgoing(
-                thrust=_clamp(demand.throttle, low, high),
-                attitude_wxyz=(scale * w, scale * x, scale * y, scale * z),
-            )
+            return Outgoing(thrust=_clamp(demand.throttle, low, high), attitude_wxyz=_unit(demand.attitude))
         case Asked.VELOCITY_YAW_RATE:
             x, y, z = (_clamp(v, -VELOCITY_MAX_M_S, VELOCITY_MAX_M_S) for v in demand.velocity_ned_m_s)
             return Outgoing(

@@ -36,6 +36,7 @@ CHECKS: Final = (
     Check("autopilot", "autopilot", Needs.LINE, link_checks.autopilot),
     Check("autopilot", "signing", Needs.AUTOPILOT, link_checks.signing),
     Check("autopilot", "profile", Needs.AUTOPILOT, link_checks.profile),
+    Check("autopilot", "setpoints", Needs.AUTOPILOT, link_checks.setpoints),
     Check("autopilot", "clock", Needs.AUTOPILOT, link_checks.clock),
     Check("autopilot", "loss", Needs.AUTOPILOT, link_checks.loss),
     Check("autopilot", "throughput", Needs.AUTOPILOT, link_checks.throughput),

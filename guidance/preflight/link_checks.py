@@ -245,6 +245,17 @@ def _stream(stream: Stream, now_ns: int) -> Finding:
     return Finding(name, verdict, rate, todo)
 
 
+def setpoints(seen: Seen) -> Iterator[Finding]:
+    """What they ask for, of this version of the firmware."""
+    link, row = seen.observation.link, seen.observation.profile
+    sent = row.for_version(link.version)
+    found = f"{sent.asked} (type_mask {sent.type_mask:#04x})"
+    if sent is not row:
+        which = "that does not tell its version" if link.version is None else "of this version"
+        found += f": a {row.firmware} {which} may not move by less"
+    yield ok("setpoints", found)
+
+
 def clock(seen: Seen) -> Iterator[Finding]:
     """The autopilot's clock is known, and how long an answer takes."""
     observation = seen.observation

@@ -110,8 +110,10 @@ def parameters(seen: Seen) -> Iterator[Finding]:
     """Each that the profile depends on, and what all of them together allow."""
     observation = seen.observation
     table, reader = observation.profile.requirements, observation.parameters
-    found = [judged(row, seen) for row in table]
-    yield from found
+    for row in table:
+        found = judged(row, seen)
+        if found.verdict is not Verdict.OK or not row.quiet:
+            yield found
     unfit = observation.unfit() if reader.complete else None
     if unfit is not None:
         yield fail("parameters", unfit, "fly slower and wider, or set the parameter higher")

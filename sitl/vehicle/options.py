@@ -89,6 +89,8 @@ class VehicleOptions:
     answers every such command TEMPORARILY_REJECTED, whoever sends it. With a `signing_key` of 32 bytes it
     signs, and takes nothing that is not signed by it.
 
+    `px4_version` is what a PX4 says it is, and its manners where they differ (`px4_uuv`).
+
     Raises:
         ValueError: a number is not finite or out of range, or the initial mode or a parameter is unknown
             (the last two when the vehicle is built).
@@ -108,6 +110,7 @@ class VehicleOptions:
     initially_armed: bool = False
     airborne: bool = False
     origin: Origin = field(default_factory=Origin)
+    px4_version: tuple[int, int, int] = (1, 17, 0)
     speed_at_full_thrust_m_s: float = 5.0
     parameters: Mapping[str, float] = field(default_factory=dict)
     clock_offset_ns: int = 0
@@ -130,6 +133,8 @@ class VehicleOptions:
             raise ValueError(f"{self.firmware} does not fly: airborne must be false")
         if len(self.signing_key) not in (0, 32):
             raise ValueError(f"signing_key must have 32 bytes, not {len(self.signing_key)}")
+        if not all(0 <= part <= 255 for part in self.px4_version):
+            raise ValueError(f"px4_version must be numbers of 0 to 255, not {self.px4_version}")
         for name in ("system_id", "component_id"):
             if not 1 <= getattr(self, name) <= 255:
                 raise ValueError(f"{name} must be 1 to 255, not {getattr(self, name)}")

@@ -46,9 +46,8 @@ STREAM_RATES_HZ: Final = {
     "VIBRATION": 0.5,
     "WIND_COV": 1.0,
 }
-#: As recorded: 1.16.0 with the capabilities of a vehicle that takes attitude and local position targets.
+#: As recorded: those of a vehicle that takes attitude and local position targets.
 CAPABILITIES: Final = 0xE8FF
-FLIGHT_SW_VERSION: Final = 0x011000FF
 ESTIMATOR_FLAGS: Final = (229, 831)
 #: Pose and velocity covariance: one variance known, the rest not.
 _COVARIANCES: Final = (0.01, *[math.nan] * 20) * 2
@@ -195,10 +194,12 @@ class _Px4Messages:
     def autopilot_version(self, _: Sample) -> Any:
         """AUTOPILOT_VERSION as recorded, with an identity of its own."""
         git = [0, 0, 0, 109, 67, 157, 154, 131]
+        major, minor, patch = self._pilot.options.px4_version
+        version = major << 24 | minor << 16 | patch << 8 | mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL
         return mavlink.MAVLink_autopilot_version_message(
             CAPABILITIES,
-            FLIGHT_SW_VERSION,
-            FLIGHT_SW_VERSION,
+            version,
+            version,
             0,
             1,
             git,

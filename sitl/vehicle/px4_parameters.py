@@ -30,10 +30,13 @@ COMMON: Final = {
 UUV: Final = {
     "MAV_TYPE": Parameter(12, INT32),
     "SYS_AUTOSTART": Parameter(60000, INT32),
+    "UUV_PITCH_D": Parameter(2.0),
     "UUV_PITCH_P": Parameter(4.0),
+    "UUV_ROLL_D": Parameter(1.5),
     "UUV_ROLL_P": Parameter(4.0),
     "UUV_THRUST_SAT": Parameter(1.0),
     "UUV_TORQUE_SAT": Parameter(1.0),
+    "UUV_YAW_D": Parameter(2.0),
     "UUV_YAW_P": Parameter(4.0),
 }
 _FLYING: Final = {

@@ -25,7 +25,7 @@ BODY_NED: Final = 8
 class AttitudeTarget(NamedTuple):
     """SET_ATTITUDE_TARGET, not clamped; an ignored throttle is 0, an ignored rate NaN.
 
-    With an attitude, of the rates only that of yaw is passed on; without one the rates are wanted.
+    With an attitude, roll and pitch rate are 0 unless both are wanted too; without one all are wanted.
     """
 
     attitude_wxyz: Wxyz | None
@@ -50,12 +50,12 @@ def attitude_target(message: Any) -> AttitudeTarget | None:
     mask = message.type_mask
     thrust = 0.0 if mask & IGNORE_THROTTLE else message.thrust
     yaw_rate = math.nan if mask & IGNORE_YAW_RATE else message.body_yaw_rate
+    turns = not mask & (IGNORE_ROLL_RATE | IGNORE_PITCH_RATE)
+    roll_rate, pitch_rate = (message.body_roll_rate, message.body_pitch_rate) if turns else (0.0, 0.0)
     if not mask & IGNORE_ATTITUDE:
         w, x, y, z = message.q
-        return AttitudeTarget((w, x, y, z), (0.0, 0.0, yaw_rate), thrust)
-    if mask & (IGNORE_ROLL_RATE | IGNORE_PITCH_RATE):
-        return None
-    return AttitudeTarget(None, (message.body_roll_rate, message.body_pitch_rate, yaw_rate), thrust)
+        return AttitudeTarget((w, x, y, z), (roll_rate, pitch_rate, yaw_rate), thrust)
+    return AttitudeTarget(None, (roll_rate, pitch_rate, yaw_rate), thrust) if turns else None
 
 
 def trajectory_target(message: Any, yaw_rad: float) -> TrajectoryTarget:

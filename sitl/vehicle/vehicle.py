@@ -144,7 +144,7 @@ class Vehicle:
     ) -> None:
         """Let the estimator jump off the truth by so much from `now_ns` on, and count it in ODOMETRY.
 
-        The firmware's closed loops go on seeing the truth.
+        The firmware's closed loops go on seeing the truth, but where they compare headings or attitudes.
         """
         self._run_to(max(now_ns, self._state_ns))
         self._estimator.astray = Astray(moved_ned_m, turned_rad, faster_ned_m_s)

@@ -11,7 +11,7 @@ from typing import Final
 
 from guidance.noted_signals import noted_signals
 from guidance.records import Session
-from guidance.telemetry.arrivals import VEHICLE, Heard, Presence
+from guidance.telemetry.arrivals import VEHICLE, Heard, Ignored, Presence
 from guidance.telemetry.foxglove_bridge import Bridge
 from guidance.telemetry.foxglove_bridge import BridgeError as BridgeError  # raised here, so found here
 from guidance.telemetry.subscriber import Subscriber
@@ -69,7 +69,7 @@ def serve(
                     server.take(arrival.vehicle, arrival.record)
             elif isinstance(arrival, Presence):
                 say(f"{arrival.vehicle} is {'here' if arrival.here else 'gone'}")
-            elif arrival.what not in said and len(said) < _KINDS:
+            elif isinstance(arrival, Ignored) and arrival.what not in said and len(said) < _KINDS:
                 said.add(arrival.what)
                 say(f"passed over under the key of {arrival.vehicle!r}: {arrival.what} ({arrival.detail!r})")
         server.welcome()

@@ -13,6 +13,8 @@ from rich.console import Console
 
 from guidance import __version__
 from guidance.command_cli import command
+from guidance.dashboard_cli import dashboard
+from guidance.demo_cli import demo
 from guidance.network_options import Connect, Listen, ZenohFile
 from guidance.tune_cli import tune
 
@@ -22,10 +24,11 @@ Examples:
 
 \b
 guidance demo                                       fly the built-in vehicle
-guidance demo --trajectory lemniscate --seconds 60
+guidance demo --dashboard                           on a page, with buttons
 guidance check --config vehicle.toml                is all well? moves nothing
 guidance run --config vehicle.toml                  the service, for a real one
 guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
+guidance dashboard --open                           the same in a browser
 guidance command uuv-1 engage                       an order, answered
 guidance tune --config vehicle.toml                 steps, and gains from them
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
@@ -89,47 +92,7 @@ def run(
     raise typer.Exit(status)
 
 
-@app.command()
-def demo(
-    seconds: Annotated[
-        float, typer.Option(min=1.0, max=86400.0, help="How long to track the trajectory, s.")
-    ] = 30.0,
-    trajectory: Annotated[
-        str | None, typer.Option(metavar="NAME", help="helix, circle, line, zigzag or lemniscate.")
-    ] = None,
-    overrides: Overrides = None,
-    as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON on stdout.")] = False,
-) -> None:
-    """Fly the built-in vehicle along the paper's helix and say how well it tracked.
-
-    Exit status 0 only if it did: below 0.1 m for good. 1 if not, 2 for a wrong setting, 130 after Ctrl-C.
-
-    Examples:
-
-    \b
-    guidance demo --seconds 60
-    guidance demo --set trajectory.radius_m=20 --set trajectory.speed_m_s=4
-    guidance demo --set vehicle.profile=ardupilot-rover --set flight.origin=engage
-    guidance demo --seconds 13 --json | tail -1
-    """
-    from guidance import demo as flight
-    from guidance.config import ConfigError
-    from guidance.demo_view import failure_json, show
-
-    named = [] if trajectory is None else [f"trajectory.name={trajectory}"]
-    try:
-        result = flight.fly(seconds, [*named, *(overrides or ())])
-    except ConfigError as error:
-        raise _refuse(error) from None
-    except flight.DemoError as error:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance demo: {error}", markup=False)
-        if as_json:
-            typer.echo(json.dumps(failure_json(str(error))))
-        raise typer.Exit(1) from None
-    show(result)
-    if as_json:
-        typer.echo(json.dumps(result.as_json()))
-    raise typer.Exit(result.exit_status)
+app.command()(demo)
 
 
 @app.command()
@@ -320,6 +283,7 @@ def check(
 
 
 app.command("command")(command)
+app.command("dashboard")(dashboard)
 app.command("tune")(tune)
 
 

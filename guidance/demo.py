@@ -57,7 +57,9 @@ class Truth(NamedTuple):
     position_ned_m: Vec3
 
 
-class _Plan(NamedTuple):
+class Plan(NamedTuple):
+    """What is flown: the service's settings, the configuration that they make, and where zenoh has it."""
+
     settings: list[str]
     config: Config
     watch_at: str
@@ -70,15 +72,15 @@ def fly(seconds: float, overrides: Sequence[str]) -> Result:
         ConfigError: the overrides do not make a configuration, or none that the demo can watch.
         DemoError: it did not come to a flight, or that ended early.
     """
-    plan = _plan(overrides)
+    plan = plan_flight(overrides)
     directory = Path(plan.config.log.directory)
     before = set(directory.glob("*.mcap"))
     truth: list[Truth] = []
     with noted_signals() as noted, View(seconds) as view:
         view.head(plan.config, plan.watch_at)
         with (
-            Child(_vehicle_command(plan.config), "vehicle", view.line) as vehicle,
-            Child(_service_command(plan.settings), "service", view.line) as service,
+            Child(vehicle_command(plan.config), "vehicle", view.line) as vehicle,
+            Child(service_command(plan.settings), "service", view.line) as service,
         ):
             vehicle.listen(lambda line: _take_truth(line, truth))
             service.listen(None)
@@ -94,19 +96,24 @@ def fly(seconds: float, overrides: Sequence[str]) -> Result:
                     _watch(seconds, step_s, (vehicle, service), latest, view, noted)
                 except DemoError as error:
                     service.stop()
-                    log = _log_of(plan.config, set(directory.glob("*.mcap")) - before)
+                    log = log_of(plan.config, set(directory.glob("*.mcap")) - before)
                     raise DemoError(f"{error}{'' if log is None else f'; log: {log}'}") from None
             service.stop()
             if service.process.returncode != 0:
                 raise DemoError(service.obituary())
-    log = _log_of(plan.config, set(directory.glob("*.mcap")) - before)
+    log = log_of(plan.config, set(directory.glob("*.mcap")) - before)
     if log is None:
         raise DemoError(f"the service left no log in {directory.resolve()}")
     return _judge(log, plan.config, truth, seconds, noted[0] if noted else 0)
 
 
-def _plan(overrides: Sequence[str]) -> _Plan:
-    settings = [f'link.connection="udpin://127.0.0.1:{_free_port(socket.SOCK_DGRAM)}"', *overrides]
+def plan_flight(overrides: Sequence[str]) -> Plan:
+    """The demo's configuration with overrides, on ports that are free.
+
+    Raises:
+        ConfigError: the overrides do not make a configuration, or none that the demo can watch.
+    """
+    settings = [f'link.connection="udpin://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"', *overrides]
     config = load(CONFIG_FILE, settings)
     zenoh = config.zenoh
     if not (config.log.enabled and zenoh.enabled):
@@ -121,12 +128,12 @@ def _plan(overrides: Sequence[str]) -> _Plan:
     if not isinstance(connection, Network) or connection.scheme in ("tcp", "udpbcast") or not connection.port:
         raise ConfigError("link.connection: the demo needs udpin or udpout, and a port of 1 to 65535")
     if not zenoh.listen and zenoh.mode == "peer":
-        settings.append(f'zenoh.listen=["tcp/127.0.0.1:{_free_port(socket.SOCK_STREAM)}"]')
+        settings.append(f'zenoh.listen=["tcp/127.0.0.1:{free_port(socket.SOCK_STREAM)}"]')
         config = load(CONFIG_FILE, settings)
     endpoints = (*config.zenoh.listen, *config.zenoh.connect)
     if not endpoints:
         raise ConfigError("zenoh.connect: is empty, and zenoh.mode is client: name a router")
-    return _Plan(settings, config, endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:"))
+    return Plan(settings, config, endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:"))
 
 
 def _watch(
@@ -219,7 +226,7 @@ def goals(config: Config) -> Goals:
     )
 
 
-def _log_of(config: Config, made: set[Path]) -> Path | None:
+def log_of(config: Config, made: set[Path]) -> Path | None:
     """The one of the new logs that this flight's service wrote: no other listens on its port."""
     for path in sorted(made):
         with contextlib.suppress(LogDamaged, NotALog, ConfigError):
@@ -229,7 +236,8 @@ def _log_of(config: Config, made: set[Path]) -> Path | None:
     return None
 
 
-def _vehicle_command(config: Config) -> list[str]:
+def vehicle_command(config: Config) -> list[str]:
+    """The built-in vehicle that the service finds; it writes its truth to stdout."""
     connection = parse_connection(config.link.connection)
     assert isinstance(connection, Network)  # the plan has seen to it
     full = config.vehicle.speed_at_full_thrust_m_s
@@ -245,7 +253,8 @@ def _vehicle_command(config: Config) -> list[str]:
     return [*command, "--full-thrust-speed", str(full)]
 
 
-def _service_command(settings: Sequence[str]) -> list[str]:
+def service_command(settings: Sequence[str]) -> list[str]:
+    """The service."""
     command = [sys.executable, "-m", "guidance", "run", "--config", str(CONFIG_FILE)]
     return command + [part for setting in settings for part in ("--set", setting)]
 
@@ -256,7 +265,8 @@ def _take_truth(line: str, truth: list[Truth]) -> None:
         truth.append(Truth(row["t_ns"], Vec3(*row["position_ned_m"])))
 
 
-def _free_port(kind: socket.SocketKind) -> int:
+def free_port(kind: socket.SocketKind) -> int:
+    """A port of the loopback that nobody has now."""
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

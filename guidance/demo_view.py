@@ -136,6 +136,13 @@ def summary(result: Result) -> Table:
     return table
 
 
+def coloured(source: str, text: str) -> Text:
+    """A line that a process of the demo's wrote."""
+    words = text.split(maxsplit=2)
+    colour = _COLOURS.get(words[1], "") if len(words) > 1 else ""
+    return Text(f"{source:<10}", "cyan") + Text(text.removeprefix(f"sitl {source}: "), colour)
+
+
 class View:
     """A live block on a terminal, plain lines elsewhere."""
 
@@ -158,13 +165,11 @@ class View:
         name = config.trajectory.__struct_config__.tag
         self._print(f"Flying the built-in {config.vehicle.profile} along the {name} for {self._seconds:g} s.")
         self._print(f"Telemetry: zenoh at {watch_at}, keys guidance/{config.vehicle.name}/*. Ctrl-C ends it.")
+        self._print("With --dashboard it opens a page to watch and command it in a browser.")
 
     def line(self, source: str, text: str) -> None:
         """A line that a process wrote."""
-        words = text.split(maxsplit=2)
-        colour = _COLOURS.get(words[1], "") if len(words) > 1 else ""
-        text = text.removeprefix(f"sitl {source}: ")
-        self._console.print(Text(f"{source:<8}", "cyan") + Text(text, colour), soft_wrap=True)
+        self._console.print(coloured(source, text), soft_wrap=True)
 
     def update(self, latest: Callable[[str], Record | None]) -> None:
         """Show the newest records."""

@@ -241,15 +241,26 @@ class Fleet:
         """The newest record of a type, None if none came."""
         return self._vehicles[vehicle].last(record) if vehicle in self._vehicles else None
 
+    def fresh(self, vehicle: str, record: type[R], now_ns: int, within_ns: int) -> R | None:
+        """The same, if it came lately and was not an answer to a query."""
+        return self._vehicles[vehicle].fresh(record, now_ns, within_ns) if vehicle in self._vehicles else None
+
     def take(self, arrivals: Iterable[Arrival]) -> None:
-        """Take in what arrived, in order."""
+        """Take in what arrived, in order; answers to who asked are no news of a vehicle."""
         for arrival in arrivals:
             if isinstance(arrival, Heard):
                 self._take_record(arrival)
             elif isinstance(arrival, Ignored):
                 self._take_ignored(arrival)
-            else:
+            elif isinstance(arrival, Presence):
                 self._take_presence(arrival)
+
+    def recall(self, vehicle: str, events: Iterable[Event], now_ns: int) -> None:
+        """Note events from before anybody listened, those that are not noted yet."""
+        known = {(note.t_ns, note.text) for note in self._notes if note.vehicle == vehicle}
+        for event in events:
+            if (event.t_ns, event.text) not in known:
+                self._note(self._vehicle(vehicle), event.level, event.text, now_ns, event.t_ns)
 
     def look(self, now_ns: int) -> list[Seen]:
         """Every vehicle now, by name; one that has fallen silent is noted."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 import tomllib
-import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -14,16 +13,12 @@ import msgspec
 import zenoh
 
 from guidance.checking import ConfigError, override
-from guidance.commands import OrderError, read_payload
-from guidance.telemetry.arrivals import VEHICLE
-from guidance.telemetry.zenoh_orders import ANSWER_NS, Reply
+from guidance.telemetry.asking import AGAIN_NS, ANSWER_S, ASK_NS, order_payload
+from guidance.telemetry.zenoh_orders import Reply
 from guidance.telemetry.zenoh_sink import brief, close_quietly, zenoh_config
 
 #: Where a service listens as `deploy/*.toml` stand.
 DEFAULT_CONNECT: Final = ("tcp/127.0.0.1:7447",)
-#: The vehicle answers within this, whatever happens there; the rest is the way.
-ANSWER_S: Final = ANSWER_NS * 1e-9 + 1.0
-_AGAIN_S: Final = 0.1
 
 _decode: Final = msgspec.json.Decoder(Reply).decode
 
@@ -96,7 +91,7 @@ def ask(
     listen: Sequence[str] = (),
     config_file: Path | None = None,
     multicast: bool = False,
-    seconds: float = 3.0,
+    seconds: float = ASK_NS * 1e-9,
     open_session: Callable[[zenoh.Config], zenoh.Session] = zenoh.open,
 ) -> Reply:
     """Order once; it may take `seconds` to find the vehicle, and `ANSWER_S` more for the answer.
@@ -107,13 +102,7 @@ def ask(
         ValueError: a wrong order or setting, in words.
         NoAnswerError: nobody answered.
     """
-    if VEHICLE.fullmatch(vehicle) is None:
-        raise ValueError(f"vehicle {vehicle!r}: a name has 1 to 64 letters, digits and _.-")
-    payload = msgspec.json.encode({"id": uuid.uuid4().hex, "source": f"{_user()}", **fields})
-    try:
-        read_payload(verb, payload)
-    except OrderError as error:
-        raise ValueError(str(error)) from None
+    _, payload = order_payload(vehicle, verb, fields, os.environ.get("USER", ""))
     nowhere = not (connect or listen or config_file or multicast)
     connect = DEFAULT_CONNECT if nowhere else connect
     config = zenoh_config(
@@ -133,14 +122,10 @@ def ask(
                     return _decode(reply.ok.payload.to_bytes())
             if time.monotonic() >= end:
                 raise NoAnswerError(f"no service of {vehicle} answers at {where}")
-            time.sleep(_AGAIN_S)
+            time.sleep(AGAIN_NS * 1e-9)
     except zenoh.ZError as error:
         raise NoAnswerError(f"zenoh: {brief(error)}") from None
     except msgspec.MsgspecError as error:
         raise NoAnswerError(f"{vehicle} answers something else: {error}") from None
     finally:
         close_quietly(session)
-
-
-def _user() -> str:
-    return os.environ.get("USER", "")

@@ -117,7 +117,12 @@ def test_each_demo_is_accepted_and_flies_in_lockstep(command: str, monkeypatch: 
         assert seconds >= 10.0
         return Result(TrackingFigures(9.0, 1e-4, 1e-3), StreamFigures(50.0, 0.02), seconds, "log", False)
 
+    def attend(seconds: float | None, overrides: list[str], *, open_browser: bool) -> int:
+        fly(10.0 if seconds is None else seconds, overrides)
+        return 0
+
     monkeypatch.setattr(guidance.demo, "fly", fly)
+    monkeypatch.setattr("guidance.demo_page.attend", attend)
     outcome = CliRunner().invoke(guidance_cli.app, words(command))
     assert outcome.exit_code == 0, outcome.output
 

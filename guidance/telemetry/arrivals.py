@@ -1,4 +1,4 @@
-"""What comes in over zenoh, named for what it is: a record, something that is none, or a presence.
+"""What comes in over zenoh, named for what it is: a record, something that is none, a presence, an answer.
 
 The encoding of a payload says what it claims to be, `application/json;guidance.<Record>/<version>`. Only what
 claims to be the record of its key in this version is decoded: another version may mean something else by the
@@ -59,7 +59,29 @@ class Presence(NamedTuple):
     here: bool
 
 
-Arrival = Heard | Ignored | Presence
+class History(NamedTuple):
+    """The last minutes of `vehicle`, as its service kept them: in the order of their instants, thinned out.
+
+    It is empty if nobody answered.
+    """
+
+    arrived_ns: int
+    vehicle: str
+    records: tuple[Record, ...]
+
+
+class Answered(NamedTuple):
+    """What became of an order by its `id`; `accepted` is None if nobody answered, `reason` says where."""
+
+    arrived_ns: int
+    vehicle: str
+    verb: str
+    id: str
+    accepted: bool | None
+    reason: str
+
+
+Arrival = Heard | Ignored | Presence | History | Answered
 
 
 def vehicle_of(key: str) -> str:

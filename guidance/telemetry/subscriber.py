@@ -3,7 +3,7 @@
 All of zenoh happens in a thread of the subscriber's own, which opens the session, empties zenoh's rings
 (they drop the oldest) and reads what is in them; `take` never waits for any of it. When a vehicle's
 liveliness token appears its last records are asked for, so that who comes late also learns what is published
-only once.
+only once. What else is asked of them on demand, their last minutes and orders, comes out of `take` as well.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 import zenoh
 
 from guidance.telemetry.arrivals import VEHICLE, Arrival, Presence, read, vehicle_of
+from guidance.telemetry.asking import Histories, Orders
 from guidance.telemetry.zenoh_sink import FIRST_RETRY_S, LAST_RETRY_S, brief, close_quietly
 
 #: Between looks into the rings: how late an arrival may be noted.
@@ -57,6 +58,8 @@ class Subscriber:
         self._clock_ns = clock_ns
         self._arrivals: deque[Arrival] = deque(maxlen=capacity)
         self._stopping = threading.Event()
+        self._histories = Histories()
+        self._orders = Orders()
         self._thread = threading.Thread(target=self._run, name="subscriber", daemon=True)
         # Of the thread only, but for the replies, which zenoh appends.
         self._session: zenoh.Session | None = None
@@ -90,6 +93,25 @@ class Subscriber:
             taken.append(self._arrivals.popleft())
         return taken
 
+    def history(self, vehicle: str) -> None:
+        """Ask for the last minutes of `vehicle`, one vehicle after the other; a `History` will arrive.
+
+        Raises:
+            ValueError: no name of a vehicle.
+        """
+        self._histories.want(vehicle)
+
+    def ask(self, vehicle: str, verb: str, fields: Mapping[str, Any], source: str = "") -> str:
+        """Give an order, whose `Answered` will arrive, within some 6 s also if nobody answers; its id.
+
+        `fields` are the order's (`guidance.commands`). It is asked again until it is answered, under one id,
+        so that it is obeyed once.
+
+        Raises:
+            ValueError: a wrong name or order, or too many at once, in words.
+        """
+        return self._orders.give(vehicle, verb, fields, source)
+
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
@@ -110,9 +132,11 @@ class Subscriber:
                     self._open()
             else:
                 self._drain(self._session, now_ns)
+                self._arrivals.extend(self._histories.turn(self._session, now_ns))
                 if now_ns >= self._look_ns:
                     self._look_ns = now_ns + _LOOK_NS
                     self._look(self._session)
+            self._arrivals.extend(self._orders.turn(self._session, now_ns, self.trouble))
         except zenoh.ZError as error:
             self._abandon(brief(error))
 
@@ -133,6 +157,8 @@ class Subscriber:
         self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
         session, self._session = self._session, None
         self._replies.clear()
+        self._histories.forget()
+        self._orders.forget()
         if session is not None:
             close_quietly(session)
 

@@ -6,7 +6,8 @@ is opened anew with a growing pause; meanwhile the newest samples wait in the bo
 restores a lost connection of a session that lives.
 
 Keys:
-    guidance/<vehicle>/<topic>  publications, and the last record of each topic in answer to a query
+    guidance/<vehicle>/<topic>  publications, and the last record of each topic in answer to a query; with
+                                `?history=SECONDS` those of the last minutes: see `zenoh_history`
     guidance/<vehicle>/alive    liveliness token: there while the service is connected
     guidance/<vehicle>/command/<verb>  an order, as a query: see `zenoh_orders`
 """
@@ -28,6 +29,7 @@ from guidance.telemetry.arrivals import VEHICLE
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.schema import RECORDS, encoding_schema
 from guidance.telemetry.worker import ThreadedSink
+from guidance.telemetry.zenoh_history import HistoryQueries
 from guidance.telemetry.zenoh_orders import HandOver, OrderQueries
 
 Mode = Literal["peer", "client"]
@@ -144,6 +146,7 @@ class ZenohSink(ThreadedSink):
         self._where = ", ".join(connect) or "its configured endpoints"
         self._open_session = open_session
         self._orders = OrderQueries(f"{self._root}/command/", enabled=commands, clock_ns=clock_ns)
+        self._histories = HistoryQueries(f"{self._root}/")
         # Of the worker's thread only.
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -208,11 +211,13 @@ class ZenohSink(ThreadedSink):
         self._publishers.clear()
         self._queryable = self._token = None
         self._orders.forget()
+        self._histories.forget()
         if session is not None:
             close_quietly(session)
 
     def _take(self, lost: int, sample: Sample) -> None:
         self._last[sample.topic] = sample.payload
+        self._histories.history.keep(sample)
         publisher = self._publishers.get(sample.topic)
         if publisher is None:  # the session died within this slice, or the topic is no record of ours
             self._discarded += 1
@@ -230,6 +235,7 @@ class ZenohSink(ThreadedSink):
             return
         try:
             self._answer_queries()
+            self._histories.turn()
             self._orders.expire()
             if self._clock_ns() >= self._look_ns:
                 self._look_ns = self._clock_ns() + _LOOK_NS
@@ -244,7 +250,7 @@ class ZenohSink(ThreadedSink):
             query = self._queryable.try_recv()
             if query is None:
                 return
-            if self._orders.take(query):
+            if self._orders.take(query) or self._histories.take(query):
                 continue
             with query:
                 for topic, payload in self._last.items():
@@ -268,6 +274,7 @@ class ZenohSink(ThreadedSink):
             return False
         with suppress(zenoh.ZError):  # it died just now, and who asked with it
             self._answer_queries()
+            self._histories.forget()
             self._orders.finish()
         close_quietly(session)
         return True

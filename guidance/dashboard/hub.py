@@ -1,0 +1,145 @@
+"""What arrives, as what pages show: a row for each vehicle that is heard and, less often, words.
+
+Pure: arrivals and the time are arguments. The server turns it 20 times a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from math import nan
+from typing import Final
+
+from guidance.dashboard.rows import (
+    FRESH_NS,
+    FRESH_OTHERS_NS,
+    KEPT_S,
+    Lateness,
+    Ring,
+    nothing,
+    of_history,
+    row,
+)
+from guidance.dashboard.said import Watched, told
+from guidance.fleet import Contact, Fleet, Seen
+from guidance.records import Event, Record, State, Timing, TrackingError
+from guidance.telemetry.arrivals import Answered, Arrival, Heard, History, Presence
+
+#: So many vehicles' rows are kept (1.1 MB each); of more, those unheard for longest give way.
+RINGS_MAX: Final = 50
+#: Of what happened before somebody looked, so many events of each vehicle are told.
+EVENTS_MAX: Final = 20
+
+
+class _Rows:
+    """The rows of one vehicle, and what makes the next."""
+
+    def __init__(self) -> None:
+        self.ring = Ring()
+        self.lateness = Lateness()
+        self.peak_m = nan
+        self.offset_ns: int | None = None  # from its instants to those of arrival
+        self.first_ns: int | None = None  # of the rows that were made here
+        self.live = False
+
+
+class Hub:
+    """All vehicles.
+
+    Args:
+        want_history: asks for the last minutes of a vehicle, which then arrive.
+    """
+
+    def __init__(self, want_history: Callable[[str], None]) -> None:
+        self.fleet = Fleet()
+        self.seen: list[Seen] = []
+        self.watched = Watched()
+        #: The rows of the last turn by vehicle, and whose older rows have changed in it.
+        self.rows: dict[str, bytes] = {}
+        self.renewed: set[str] = set()
+        self._vehicles: dict[str, _Rows] = {}
+        self._want_history = want_history
+
+    def ring(self, vehicle: str) -> bytes:
+        """Every row of a vehicle, oldest first; none of one that is not known."""
+        known = self._vehicles.get(vehicle)
+        return b"" if known is None else known.ring.all()
+
+    def turn(self, arrivals: Iterable[Arrival], now_ns: int) -> list[Answered]:
+        """Take in what arrived and make the rows of now; the answers to orders among it are handed back."""
+        taken = list(arrivals)
+        self.rows.clear()
+        self.renewed.clear()
+        for vehicle in self._vehicles.values():
+            vehicle.peak_m = nan
+        self.fleet.take(taken)
+        for arrival in taken:
+            if isinstance(arrival, Heard):
+                self._heard(arrival)
+            elif isinstance(arrival, History):
+                self._history(arrival, now_ns)
+            elif isinstance(arrival, Presence) and arrival.here:
+                self._want_history(arrival.vehicle)
+        self.seen = self.fleet.look(now_ns)
+        for seen in self.seen:
+            self._row(seen, now_ns)
+        return [arrival for arrival in taken if isinstance(arrival, Answered)]
+
+    def about(self, vehicle: str, now_ns: int) -> dict[str, object]:
+        """What a page that shows this vehicle is told of it."""
+        return told(self.fleet, self.watched, vehicle, now_ns)
+
+    def _heard(self, heard: Heard) -> None:
+        record = heard.record
+        if heard.answered or not isinstance(record, State | TrackingError | Timing):
+            return
+        vehicle = self._vehicle(heard.vehicle)
+        if isinstance(record, TrackingError):
+            if not vehicle.peak_m >= record.norm_m:
+                vehicle.peak_m = record.norm_m
+        elif isinstance(record, Timing):
+            vehicle.lateness.take(record)
+        else:
+            vehicle.offset_ns = heard.arrived_ns - record.t_ns
+
+    def _row(self, seen: Seen, now_ns: int) -> None:
+        vehicle = self._vehicles.get(seen.vehicle)
+        live = seen.contact is Contact.LIVE
+        if vehicle is None or (not live and not vehicle.live):
+            return
+
+        def newest(kind: type[Record]) -> Record | None:
+            return self.fleet.fresh(seen.vehicle, kind, now_ns, FRESH_NS.get(kind, FRESH_OTHERS_NS))
+
+        late_s = nan if newest(Timing) is None else vehicle.lateness.lately_s
+        made = row(now_ns, newest, vehicle.peak_m, late_s) if live else nothing(now_ns)
+        vehicle.live = live
+        vehicle.first_ns = now_ns if vehicle.first_ns is None else vehicle.first_ns
+        vehicle.ring.add(made)
+        self.rows[seen.vehicle] = made
+
+    def _history(self, history: History, now_ns: int) -> None:
+        """Older rows, once; a vehicle that comes back has those of its absence from nobody."""
+        if not history.records:
+            return
+        vehicle = self._vehicle(history.vehicle)
+        events = [record for record in history.records if isinstance(record, Event)]
+        self.fleet.recall(history.vehicle, events[-EVENTS_MAX:], history.arrived_ns)
+        before_ns = now_ns if vehicle.first_ns is None else vehicle.first_ns
+        if now_ns - before_ns > KEPT_S * 1_000_000_000:
+            return
+        last_ns = history.records[-1].t_ns
+        offset_ns = history.arrived_ns - last_ns if vehicle.offset_ns is None else vehicle.offset_ns
+        rows = of_history(history.records, offset_ns, before_ns, Lateness())
+        if rows:
+            vehicle.ring.precede(rows)
+            vehicle.first_ns = before_ns - KEPT_S * 1_000_000_000  # nothing goes before them
+            self.renewed.add(history.vehicle)
+
+    def _vehicle(self, name: str) -> _Rows:
+        known = self._vehicles.pop(name, None)
+        if known is None:
+            if len(self._vehicles) >= RINGS_MAX:
+                del self._vehicles[next(iter(self._vehicles))]
+            known = _Rows()
+        self._vehicles[name] = known  # the one unheard for longest is first
+        return known

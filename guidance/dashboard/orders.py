@@ -1,0 +1,59 @@
+"""What a page may ask for, and what it is told of it."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import msgspec
+
+from guidance.telemetry.arrivals import Answered
+
+#: The orders that have a button.
+VERBS: Final = ("engage", "hold", "resume", "abort", "load")
+OFF: Final = "orders are off here: start the dashboard with --commands"
+
+
+class See(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="see"):
+    """Show this vehicle."""
+
+    vehicle: str
+
+
+class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="order"):
+    """Give an order; `number` is the page's, and comes back with the answer."""
+
+    vehicle: str
+    verb: str
+    number: int
+    fields: dict[str, Any] = {}
+
+
+_decoder: Final[msgspec.json.Decoder[See | Order]] = msgspec.json.Decoder(See | Order)
+_encode: Final = msgspec.json.Encoder().encode
+
+
+def read(text: str | bytes) -> See | Order | None:
+    """What a page asked, None if that is nothing a page of ours asks."""
+    try:
+        return _decoder.decode(text)
+    except (ValueError, RecursionError):  # msgspec's own are ValueErrors
+        return None
+
+
+def answer(order: Order, accepted: bool | None, reason: str) -> bytes:
+    """What became of it; None is that nobody knows."""
+    return _encode(
+        {
+            "kind": "answer",
+            "number": order.number,
+            "vehicle": order.vehicle,
+            "verb": order.verb,
+            "accepted": accepted,
+            "reason": reason,
+        }
+    )
+
+
+def answered(order: Order, came: Answered) -> bytes:
+    """The vehicle's answer, or that there was none."""
+    return answer(order, came.accepted, came.reason)

@@ -1,0 +1,89 @@
+"""What each open page is owed. A page that is too slow is owed less, never a backlog."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+
+from guidance.dashboard.rows import COLUMNS, KEPT_S, TICK_HZ, WRAP_S
+
+#: So many rows may wait (2 s); then the page begins anew, with all that is kept.
+ROWS_MAX: Final = 2 * TICK_HZ
+ANSWERS_MAX: Final = 32
+
+_encode: Final = msgspec.json.Encoder().encode
+
+
+class Page:
+    """The debts to one page, and the vehicle that it shows; empty is none."""
+
+    def __init__(self) -> None:
+        self.vehicle = ""
+        self._beginning = False
+        self._rows: list[bytes] = []
+        self._fleet: bytes | None = None
+        self._about: bytes | None = None
+        self._answers: deque[bytes] = deque(maxlen=ANSWERS_MAX)
+
+    def see(self, vehicle: str) -> None:
+        """It shows this one from now on."""
+        self.vehicle = vehicle
+        self.begin()
+
+    def begin(self) -> None:
+        """It is owed every row that is kept."""
+        self._beginning, self._rows = bool(self.vehicle), []
+        self._about = None
+
+    def owe_row(self, row: bytes) -> None:
+        """A row of its vehicle."""
+        if self._beginning:
+            return  # in what it is given then
+        self._rows.append(row)
+        if len(self._rows) > ROWS_MAX:
+            self.begin()
+
+    def owe_fleet(self, said: bytes) -> None:
+        """The newest is enough."""
+        self._fleet = said
+
+    def owe_about(self, said: bytes) -> None:
+        """The same, of its vehicle."""
+        self._about = said
+
+    def owe_answer(self, said: bytes) -> None:
+        """What became of an order of its."""
+        self._answers.append(said)
+
+    def take(self, ring: Callable[[str], bytes]) -> list[str | bytes]:
+        """All that it is owed, in order: JSON as text, rows as bytes. `ring` gives every row of a vehicle."""
+        owed: list[str | bytes] = [answer.decode() for answer in self._answers]
+        self._answers.clear()
+        if self._fleet is not None:
+            owed.append(self._fleet.decode())
+            self._fleet = None
+        if self._beginning:
+            self._beginning = False
+            owed += [begins(self.vehicle), ring(self.vehicle)]
+        elif self._rows:
+            owed.append(b"".join(self._rows))
+            self._rows = []
+        if self._about is not None:
+            owed.append(self._about.decode())
+            self._about = None
+        return owed
+
+
+def begins(vehicle: str) -> str:
+    """What is told before every row of a vehicle: what the rows are."""
+    said = {
+        "kind": "begin",
+        "vehicle": vehicle,
+        "columns": COLUMNS,
+        "wrap_s": WRAP_S,
+        "rows": KEPT_S * TICK_HZ,
+    }
+    return _encode(said).decode()

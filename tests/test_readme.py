@@ -57,6 +57,7 @@ WATCHES = [c for c in COMMANDS if c.startswith(".venv/bin/guidance watch")]
 PAPER = [c for c in COMMANDS if c.startswith(".venv/bin/sitl paper")]
 ORDERS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance command")]
 FOXGLOVE = [c for c in COMMANDS if c.startswith(".venv/bin/guidance foxglove")]
+DASHBOARDS = [c for c in COMMANDS if c.startswith(".venv/bin/guidance dashboard")]
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = [c for c in COMMANDS if c.startswith(".venv/bin/sitl campaign")]
 FAULTS = [".venv/bin/sitl faults", ".venv/bin/sitl faults --real"]  # parts of both in tests of their own
@@ -96,6 +97,7 @@ def test_every_command_is_run_by_a_test_here() -> None:
             *SCENARIOS,
             *FUZZ,
             *FOXGLOVE,
+            *DASHBOARDS,
             *ORDERS,
             *ON_THE_VEHICLE,
             *OTHERS,
@@ -229,6 +231,18 @@ def test_foxglove_is_bridged_to(command: str, monkeypatch: pytest.MonkeyPatch) -
     outcome = CliRunner().invoke(guidance_cli.app, words(command))
     assert outcome.exit_code == 0, outcome.output
     assert shown == [tomllib.loads((ROOT / "deploy" / "px4-uuv.toml").read_text())["vehicle"]["name"]]
+
+
+@pytest.mark.parametrize("command", DASHBOARDS)
+def test_the_dashboard_is_understood(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page itself is seen in test_dashboard_server; here nothing listens."""
+    shown = []
+    monkeypatch.setattr(
+        "guidance.dashboard.command.dashboard", lambda **settings: shown.append(settings) or 0
+    )
+    outcome = CliRunner().invoke(guidance_cli.app, words(command))
+    assert outcome.exit_code == 0, outcome.output
+    assert len(shown) == 1
 
 
 @pytest.mark.parametrize("command", ORDERS)

@@ -308,13 +308,14 @@ class Engagement:
     def may_offer_stream(self, view: View) -> bool:
         """Whether neutral setpoints may flow in READY: the mode needs them and they cannot take control.
 
-        Where `auto` was handed over, nothing at all flows until it is commanded.
+        Nothing flows to what was given away in flight, nor after `auto` was handed over, until commanded.
         """
         allowed = self.profile.needs_stream and not self._silenced()
         return allowed and view.certain and not may_obey(self.profile, view)
 
     def _silenced(self) -> bool:
-        return self._config.engage == "auto" and self._auto is _Auto.SPENT
+        spent = self._config.engage == "auto" and self._auto is _Auto.SPENT
+        return spent or self._pilot.given_away
 
     def _may_stream(self, view: View, now_ns: int) -> bool:
         if self.state is State.READY:

@@ -58,6 +58,7 @@ class GuardsConfig(Section, frozen=True, kw_only=True):
     number_action: str = "hold"
     effect_s: Annotated[float, Meta(ge=1.0, le=60.0)] = 5.0
     effect_action: str = "hold"
+    air_action: str = "hold"
     late_max_s: Annotated[float, Meta(ge=0.005, le=1.0)] = 0.05
     late_s: Seconds = 1.0
     late_action: str = "hold"

@@ -25,6 +25,7 @@ from guidance.guard_limits import GuardsConfig, leaves_after_s
 from guidance.handling_config import ExcitationConfig
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Asked
+from guidance.records import AirplaneHandling
 from guidance.se3 import Quaternion, Vec3, dot, norm, roll_of, rotate, scale
 from guidance.tracker import Solution, is_usable
 from guidance.tune import room
@@ -37,6 +38,8 @@ _EFFECT: Final = 0.1
 _BANKED_RAD: Final = math.radians(10.0)
 #: A limit on the speed is not exceeded by one noisy sample.
 _SPEED_S: Final = 0.5
+#: A front may turn the wind by more than an airplane's airspeed can spare, but not in less.
+_BLIND_S: Final = 5.0
 #: SYS_STATUS may show a dip under load.
 _BATTERY_S: Final = 3.0
 
@@ -253,6 +256,12 @@ def _effect(look: Look) -> str | None:
     return None if turning >= _EFFECT * asked else f"{turning:.1f} of {asked:.1f} rad/s: no effect"
 
 
+def _air(look: Look) -> str | None:
+    around = None if look.solution is None else look.solution.flown.around
+    blind = isinstance(around, AirplaneHandling) and around.blind
+    return "neither airspeed nor wind is known any more" if blind else None
+
+
 def _late(look: Look) -> str | None:
     limit_s = look.guards.late_max_s
     return None if look.late_s <= limit_s else f"setpoints {look.late_s * 1e3:.0f} ms late"
@@ -282,6 +291,7 @@ GUARDS: Final = (
     Guard("speed", "the vehicle's speed", ("speed_max_m_s",), _SPEED_S, True, _speed),
     Guard("effect", "speed, rates or bank: less than a tenth of what is asked for", ("effect_s",), "effect_s",
           False, _effect),
+    Guard("air", "an airplane's airspeed and wind: neither is told and believed", (), _BLIND_S, False, _air),
     Guard("late", "the control loop: how late setpoints are", ("late_max_s", "late_s"), "late_s", False,
           _late),
     Guard("battery", "SYS_STATUS, BATTERY_STATUS: charge and its state", ("battery_min_percent",),

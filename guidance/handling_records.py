@@ -32,7 +32,8 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
     the bank and the trims of pitch and throttle are learned. The trajectory's clock runs at `clock_rate` and
     is `waited_s` behind the flight's. `turning_aside`: it flies nearly opposite, and the side is kept;
     `climb_limited`: the climb is not what the field wants, `floored`: for the floor, `stall_guard`: for the
-    airspeed, or the throttle is full for it; `airspeed_doubted`: what is measured does not fit the wind.
+    airspeed, or the throttle is full for it; `airspeed_doubted`: what is measured does not fit the wind;
+    `blind`: nor is a wind told, and |v - w| by an earlier one is all that is known.
     """
 
     course_rad: float
@@ -57,6 +58,7 @@ class AirplaneHandling(Record, frozen=True, kw_only=True, gc=False):
     floored: bool
     stall_guard: bool
     airspeed_doubted: bool
+    blind: bool
 
 
 class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):

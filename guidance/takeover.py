@@ -1,4 +1,8 @@
-"""What the pilot does: a fresh switch to the control mode, or a mode or disarm that nobody here asked for."""
+"""What the pilot does: a fresh switch to the control mode, or a mode or disarm that nobody here asked for.
+
+And what was given away: a vehicle that was handed over or aborted, until it is seen disarmed
+or asked for again. A link that is lost meanwhile changes nothing of that.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,8 @@ from guidance.view import View
 
 #: A mode command that was given up may act so much later, and that is no switch of the pilot's.
 UNDER_WAY_S: Final = 2.0
+_GIVEN_AWAY: Final = (State.HANDED_OVER, State.ABORTED)
+_ASKED_FOR: Final = (Event.COMMANDED, Event.ENGAGE, Event.PILOT_SWITCHED)
 
 
 class PilotWatch:
@@ -17,6 +23,7 @@ class PilotWatch:
 
     def __init__(self, profile: Profile) -> None:
         self.armed_ns = 0
+        self.given_away = False
         self._profile = profile
         self._control = profile.control_mode.custom_mode
         self._state = State.DISCONNECTED
@@ -33,6 +40,9 @@ class PilotWatch:
         if event is Event.PILOT_SWITCHED:
             self._previous_mode = view.custom_mode  # obeyed: one switch does not act twice
         self._state = state
+        self.given_away |= state in _GIVEN_AWAY
+        self.given_away &= event not in _ASKED_FOR
+        self._see_down(view)
         self._was_there = False
         self._mode_at_entry = view.custom_mode
         self._was_armed = bool(view.armed)
@@ -42,13 +52,20 @@ class PilotWatch:
         """Before a look is judged: after a silence, or where modes alternate, nothing seen before counts."""
         if not (view.certain and view.settled):
             self._previous_mode = None
+        self._see_down(view)
+
+    def _see_down(self, view: View) -> None:
+        disarmed = view.connected and view.certain and view.armed is False
+        self.given_away &= self._state in _GIVEN_AWAY or not disarmed
 
     def looked(self, view: View) -> None:
         """After a look: a switch is fresh only if it was seen, not made while the link was silent."""
         self._previous_mode = view.custom_mode if view.connected and view.certain else None
 
     def switched(self, view: View, now_ns: int) -> bool:
-        """The pilot has just switched to the control mode."""
+        """The pilot has just switched to the control mode; a PX4 that was given away has another's stream."""
+        if self.given_away and self._profile.needs_stream:
+            return False
         changed = view.custom_mode == self._control and self._previous_mode not in (None, self._control)
         return changed and now_ns >= self._under_way_until_ns
 

@@ -284,8 +284,31 @@ def test_given_wind_is_taken_and_then_followed() -> None:
     assert memory == airplane_wind.Memory(5.0, 0.0, True)
     memory = airplane_wind.wind_step(WIND, memory, ZERO, 0.0, 0.0, True, Vec3(7.0, 0.0, 0.0), DT_S)
     assert 5.0 < memory.north_m_s < 5.1
-    # and kept when nothing says anything
-    assert airplane_wind.wind_step(WIND, memory, Vec3(9.0, 9.0, 9.0), 0.0, 0.0, False, ZERO, DT_S) == memory
+    # and kept when nothing says anything but a heading that fits
+    along = Vec3(memory.north_m_s + 9.0, memory.east_m_s, 9.0)
+    kept = airplane_wind.wind_step(WIND, memory, along, 0.0, 0.0, False, ZERO, DT_S)
+    assert kept == pytest.approx(memory)
+
+
+def test_a_given_wind_that_airspeed_and_heading_deny_is_outvoted() -> None:
+    calm = airplane_wind.Memory(0.0, 0.0, True)
+    for heading in (0.0, 0.7, 1.6, 2.0, 2.6, 3.1, 4.4):
+        ground = Vec3(12.0 * cos(heading), 12.0 * sin(heading), 0.0)
+        after = airplane_wind.wind_step(WIND, calm, ground, heading, 12.0, True, Vec3(-14.0, 0.0, 0.0), DT_S)
+        assert hypot(after.north_m_s, after.east_m_s) < 1e-9
+        near = airplane_wind.wind_step(WIND, calm, ground, heading, 12.0, True, Vec3(-3.0, 0.0, 0.0), DT_S)
+        assert near.north_m_s < 0.0
+
+
+def test_a_wind_that_nobody_tells_any_more_is_followed_by_the_heading() -> None:
+    """So that an airspeed that is doubted because the wind turned is believed again."""
+    memory = airplane_wind.Memory(4.0, -3.0, True)
+    for n in range(6000):
+        heading = 0.12 * n * DT_S
+        velocity = Vec3(12.0 * cos(heading) - 4.0, 12.0 * sin(heading) + 3.0, 0.0)
+        memory = airplane_wind.wind_step(WIND, memory, velocity, heading, 0.0, False, ZERO, DT_S)
+    assert (memory.north_m_s, memory.east_m_s) == pytest.approx((-4.0, 3.0), abs=0.5)
+    assert airplane_wind.believed_m_s(memory, velocity, 12.0, 15.0) == 12.0
 
 
 def test_without_an_airspeed_a_turn_tells_the_wind_by_the_heading_alone() -> None:

@@ -15,6 +15,7 @@ from guidance.core import Guide
 from guidance.estimate import AttitudeSample, Estimate, PositionSample
 from guidance.flying.airplane import AIRSPEED_S, WIND_S, Airplane
 from guidance.flying.airplane_fit import ASKED_FOR, thinness
+from guidance.guards import GUARDS
 from guidance.mavlink.air import VfrHud, Wind, WindCov
 from guidance.mavlink.profiles import PROFILES
 from guidance.se3 import IDENTITY, ZERO, Pose, Twist, Vec3
@@ -112,8 +113,25 @@ def test_what_is_doubted_is_told() -> None:
     flight: Loop
     flight = loop("px4-plane", sensed=lambda airspeed: airspeed if len(flight.rows) < 200 else 0.5)
     rows = flight.fly(6.0)
-    assert not any(row.around.airspeed_doubted for row in rows[:200])
+    assert not any(row.around.airspeed_doubted for row in rows[20:200])
     assert rows[-1].around.airspeed_doubted
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_without_a_wind_an_airspeed_that_is_not_believed_leaves_it_blind(told: bool) -> None:
+    flight: Loop
+
+    def sensed(airspeed: float) -> float:
+        return airspeed if len(flight.rows) < 200 else 0.5
+
+    flight = loop("px4-plane", sensed=sensed, wind_told=told)
+    rows = flight.fly(6.0)
+    assert not any(row.around.blind for row in rows[20:200])
+    assert rows[-1].around.blind is not told
+    air = next(guard for guard in GUARDS if guard.name == "air")
+    look = Guide(flight.config).guards._seen("not looked at", flight.now_ns)
+    assert air.exceeded(look) is None
+    assert (air.exceeded(look._replace(solution=rows[-1].solution)) is None) is told
 
 
 # Thin air --------------------------------------------------------------------------------------------

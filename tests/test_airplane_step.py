@@ -162,6 +162,20 @@ def test_whatever_is_measured_what_is_asked_is_finite_and_within_limits(
             assert found.climb_m_s <= 0.0
 
 
+def test_a_wrong_wind_alone_is_no_reason_to_dive() -> None:
+    """Without an airspeed: by the wind it would be 2 m/s slow, but nothing has measured that."""
+    guide = AIRPLANES[12].guide
+    reference = circle(0.0, 100.0, 12.0, True, -60.0)
+    pose = Pose(reference.position, from_euler(0.0, 0.0, 0.5 * pi))
+    memory = airplane.unstarted(airplane.UNTRIMMED)
+    for _ in range(200):
+        measured = Measured(pose, Vec3(0.0, 12.0, 0.0), 0.0, True, Vec3(0.0, 10.0, 0.0), 0.0)
+        memory, demand, found = airplane_step(guide, memory, measured, reference, DT_S)
+    assert found.airspeed_m_s == guide.envelope.airspeed_min_m_s
+    assert demand.pitch_rad > 0.0
+    assert demand.throttle == guide.throttle.highest
+
+
 def test_on_the_path_it_asks_for_the_turn_of_the_path() -> None:
     plane = AIRPLANES[20]
     guide, speed, radius = plane.guide, 20.0, 100.0
@@ -236,6 +250,23 @@ def test_nothing_is_learned_of_a_bank_that_is_saturated() -> None:
         memory, _, found = airplane_step(guide, memory, measured, reference, DT_S)
         assert found.bank_saturated
     assert airplane.trims_of(memory).effectiveness == 1.0
+
+
+def test_no_bank_is_asked_for_that_is_farther_than_it_rolls_meanwhile() -> None:
+    """From the bank it has when it begins: it was 45 degrees with the first setpoint."""
+    guide = AIRPLANES[20].guide
+    step_rad = guide.roll_rate_rad_s * DT_S
+    measured = Measured(
+        Pose(Vec3(0.0, 0.0, -60.0), from_euler(-0.1, 0.0, 0.0)), Vec3(20.0, 0.0, 0.0), 20.0, True, ZERO, 0.0
+    )
+    reference = Reference(Vec3(0.0, 300.0, -60.0), Vec3(-20.0, 0.0, 0.0), ZERO)
+    memory, before = airplane.unstarted(airplane.UNTRIMMED), -0.1
+    for _ in range(round(1.2 / step_rad)):
+        memory, demand, found = airplane_step(guide, memory, measured, reference, DT_S)
+        assert 0.0 <= demand.roll_rad - before <= step_rad * (1.0 + 1e-9)
+        assert found.load * cos(demand.roll_rad) == pytest.approx(1.0, abs=0.25)
+        before = demand.roll_rad
+    assert before == pytest.approx(guide.envelope.bank_max_rad, abs=0.05)
 
 
 def test_to_the_left_is_the_mirror_of_to_the_right() -> None:

@@ -8,7 +8,7 @@
   young or a switch that was seen, whatever `engage` says.
 - Arming is commanded only if configured, in ARMING, in the control mode and with nothing blocked.
 - Nothing streams before mode and arming are known, nor on a PX4 that might obey without anybody having
-  asked, nor at all after a hand-over from `engage = "auto"`.
+  asked, nor at all after a hand-over from `engage = "auto"`, nor after any to what is armed ever since.
 - A command that the autopilot accepted is not sent again in its state, whatever is seen or answered after.
 - Nothing streams after a silence longer than the firmware's unless arming and mode were heard since.
 - Every update ends, after few changes.
@@ -20,7 +20,7 @@ from collections import Counter
 from typing import Final, NamedTuple
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from guidance.config import SupervisorConfig
@@ -93,6 +93,7 @@ class Walk:
         self.young_until_ns = 0
         self.resume_until_ns = 0
         self.auto_allowed = True
+        self.given_away = False
         self.last_mode: int | None = None
         self.obeyed_in: State | None = None
         self.attempt_ns = 0
@@ -243,6 +244,14 @@ class Walk:
                     seen["again"] += not self.auto_allowed
                     self.auto_allowed = True
             seen[change.after] += 1
+            if change.after in (State.HANDED_OVER, State.ABORTED):
+                self.given_away = True
+            elif change.event in (Event.COMMANDED, Event.ENGAGE, Event.PILOT_SWITCHED):
+                self.given_away = False
+        if self.given_away and self.it.state is State.READY and self.profile.needs_stream:
+            self.given_away = bool(view.armed)
+            seen["left alone"] += self.given_away
+            assert not (self.given_away and self.it.streaming)
         if self.it.state is State.READY and self.it.may_offer_stream(view):
             seen["offered"] += 1
             assert self.profile.needs_stream
@@ -277,12 +286,13 @@ def test_the_invariants_hold_whatever_happens(profile: Profile, engage: str) -> 
     seen.clear()
 
     @settings(max_examples=250)
+    @example(True, TAKE_OFF, True, [])
     @given(st.booleans(), st.sampled_from(BEGIN), st.booleans(), st.lists(STEPS, min_size=10, max_size=60))
     def explore(arm: bool, begin: list[Step], shutdown: bool, steps: list[Step]) -> None:
         walk(profile, engage, arm, shutdown, [*begin, *steps])
 
     explore()
-    for what in (*HAPPENS, *State):
+    for what in (*HAPPENS, *["left alone"] * profile.needs_stream, *State):
         assert seen[what] > 0, f"no example came across {what}: {seen}"
     if engage == "pilot":
         assert (seen["offered"] > 0) is profile.needs_stream

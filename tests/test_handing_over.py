@@ -207,6 +207,45 @@ def test_a_mode_command_that_acts_late_is_not_taken_for_the_pilots_switch() -> N
         assert it.state() is after
 
 
+@pytest.mark.parametrize("ending", ["taken over", "aborted"])
+def test_a_link_that_was_lost_meanwhile_makes_no_hand_over_in_flight_forgotten(ending: str) -> None:
+    control, hold, manual = PX4.control_mode.custom_mode, mode(PX4, "hold"), mode(PX4, "manual")
+    it = bench(PX4)
+    it.reach(State.TRACKING)
+    if ending == "aborted":
+        assert it.it.abort(it.now_ns[0]) is None
+        it.see()
+        it.see(LEAVE_S)
+        assert it.state() is State.ABORTED
+    it.see(connected=False)
+    it.see(connected=True, intended_mode=control)
+    assert it.state() is State.WITHHELD
+    it.see(custom_mode=hold, intended_mode=hold)
+    for _ in range(3):
+        it.see(RETRY_S)
+        assert (it.state(), it.streams()) == (State.READY, False)
+        assert it.reason().startswith("control was handed over, so no stream is offered")
+    it.see(2.0, custom_mode=control)  # of somebody else's stream: this service has none
+    assert it.state() is State.READY
+    it.see(custom_mode=manual, intended_mode=manual)
+    it.see(armed=False)
+    assert (it.state(), it.streams()) == (State.READY, True)
+    it.see(armed=True)
+    assert it.streams()
+
+
+def test_a_command_offers_a_stream_again_after_a_hand_over_and_a_lost_link() -> None:
+    hold = mode(PX4, "hold")
+    it = bench(PX4)
+    it.reach(State.TRACKING)
+    it.see(connected=False)
+    it.see(connected=True, custom_mode=hold, intended_mode=hold)
+    assert (it.state(), it.streams()) == (State.READY, False)
+    assert it.engage() is None
+    it.see()
+    assert (it.state(), it.streams()) == (State.STREAMING, True)
+
+
 @BOTH
 def test_handed_over_and_put_down_is_a_new_start(profile: Profile) -> None:
     it = bench(profile)

@@ -31,9 +31,10 @@ from guidance.se3 import (
 POSITION_JUMP_M: Final = 0.5
 ATTITUDE_JUMP_RAD: Final = math.radians(5.0)
 #: What happened between two samples and shows at neither: a gust, a bump, a setpoint and the next. At 50 Hz
-#: this adds 1 cm and 1.4 deg, at 10 Hz 0.25 m and 34 deg: a turn is found only where samples come quickly.
+#: this adds 1 cm and 2.3 deg, at 10 Hz 0.25 m and 57 deg: a turn is found only where samples come quickly.
+#: The ideal vehicle, whose rates jump by up to 10 rad/s with each setpoint, needs 146 rad/s2 where samples are lost.
 ACCELERATION_M_S2: Final = 50.0
-ACCELERATION_RAD_S2: Final = 120.0
+ACCELERATION_RAD_S2: Final = 200.0
 
 
 class Reset(NamedTuple):

@@ -244,9 +244,8 @@ class Airplane:
             rates = turning
         asked = Demand(turning, attitude=demand.attitude, throttle=demand.throttle)
         evaluation = _evaluation(p, found, turning, estimate.position.velocity_ned_m_s)
-        return Flown(
-            asked, found.reference, evaluation, rates, self._record(estimate, demand, found, waited_s)
-        )
+        around = self._record(estimate, demand, found, waited_s, measured)
+        return Flown(asked, found.reference, evaluation, rates, around)
 
     def neutral(self, estimate: Estimate) -> Demand:
         """Level wings at the measured heading, pitch and throttle of level flight at the cruise airspeed."""
@@ -280,8 +279,14 @@ class Airplane:
         return Vec3(*(clamp(rate, -bound, bound) for rate, bound in zip(wanted, bounds, strict=True)))
 
     def _record(
-        self, estimate: Estimate, demand: airplane.Demand, found: airplane.Evaluation, waited_s: float
+        self,
+        estimate: Estimate,
+        demand: airplane.Demand,
+        found: airplane.Evaluation,
+        waited_s: float,
+        measured: Measured,
     ) -> AirplaneHandling:
+        sensed = measured.airspeed_m_s > 0.0 and not found.airspeed_doubted
         return AirplaneHandling(
             t_ns=estimate.instant_ns,
             course_rad=found.course_rad,
@@ -306,6 +311,7 @@ class Airplane:
             floored=found.floored,
             stall_guard=found.stall_guard,
             airspeed_doubted=found.airspeed_doubted,
+            blind=not (sensed or measured.wind_given),
         )
 
 

@@ -68,8 +68,9 @@ class Trims(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Of each function its own; `side` is the latched one of `airplane_course`, `obeyed_rad` the bank that
-    the demands of the last `ahead_s` lead to, `slow_s` how long it has been too slow."""
+    """Of each function its own; `side` is the latched one of `airplane_course`, `asked_rad` the last bank,
+    `obeyed_rad` that which the demands of the last `ahead_s` lead to, `slow_s` how long it has been too slow.
+    """
 
     side: int
     wind: airplane_wind.Memory
@@ -77,6 +78,7 @@ class Memory(NamedTuple):
     pitch_trim_rad: float
     throttle_trim: float
     waiting: waiting.Memory
+    asked_rad: float
     obeyed_rad: float
     slow_s: float
     started: bool
@@ -148,6 +150,7 @@ def unstarted(trims: Trims) -> Memory:
         waiting.ON_TIME,
         0.0,
         0.0,
+        0.0,
         False,
     )
 
@@ -183,14 +186,16 @@ def airplane_step(
     w_north, w_east = wind.north_m_s, wind.east_m_s
     eta = memory.bank.effectiveness
     # the demands under way, not the bank that is measured: that was their doing too, but longer ago
-    obeyed = memory.obeyed_rad if memory.started else bank_now
+    obeyed, asked_rad = (memory.obeyed_rad, memory.asked_rad) if memory.started else (bank_now, bank_now)
     x, v = coasted(measured.pose.position, seen, Vec3(w_north, w_east, 0.0), obeyed, eta, measured.ahead_s)
     # directions along the ground's course and along the air's, level, and the speeds
     ground, ground_c, ground_s = _direction(v.x, v.y, heading)
     air, air_c, air_s = _direction(v.x - w_north, v.y - w_east, heading)
     carried = sqrt(air * air + v.z * v.z)
     # the wing feels the gusts that a sensor sees; the path over ground does not
-    airspeed = max(sensed, MOVING_M_S) if sensed > 0.0 else carried
+    # one that is only inferred never counts as too slow: a wrong wind must not dive anybody into the ground
+    inferred = max(carried, p.envelope.airspeed_min_m_s)
+    airspeed = max(sensed, MOVING_M_S) if sensed > 0.0 else inferred
     course = atan2(ground_s, ground_c)
 
     # as steep as the wing is loaded now
@@ -257,7 +262,9 @@ def airplane_step(
     climb_rate = 0.0 if climb.limited else wanted.climb_rate_m_s2
     upright = GRAVITY_M_S2 * cos(path_wanted) + climb_rate / cos(path_wanted)
 
-    bank = airplane_bank.bank_for(lateral, upright, eta, bank_max)
+    asked_rad = clamp(asked_rad, -bank_max, bank_max)  # what the wing carries holds at once
+    wanted_bank = airplane_bank.bank_for(lateral, upright, eta, bank_max)
+    bank = airplane_bank.rolled(wanted_bank, asked_rad, p.roll_rate_rad_s * dt)
     saturated = bank.saturated or turn.saturated
     slow_s = airplane_envelope.slow_step(p.envelope, memory.slow_s, airspeed, dt)
     pitch = airplane_pitch.pitch_for(
@@ -297,7 +304,8 @@ def airplane_step(
     )
     # half of what was asked for within `ahead_s` acts by then
     obeyed += clamp(2.0 * dt / max(measured.ahead_s, dt, LEAST_S), 0.0, 1.0) * (bank.bank_rad - obeyed)
-    after = Memory(turn.side, wind, learned, pitch.trim_rad, throttle.trim, clock, obeyed, slow_s, True)
+    trims = (pitch.trim_rad, throttle.trim)
+    after = Memory(turn.side, wind, learned, *trims, clock, bank.bank_rad, obeyed, slow_s, True)
     power = p.throttle.highest if full else throttle.throttle
     return (
         after,

@@ -39,6 +39,12 @@ def bank_for(lateral_m_s2: float, vertical_m_s2: float, effectiveness: float, ba
     return Bank(bank, carried / (GRAVITY_M_S2 * cos(bank)), bank != wanted)
 
 
+def rolled(bank: Bank, before_rad: float, change_rad: float) -> Bank:
+    """At most `change_rad` from the one that was asked for before: it rolls no farther meanwhile."""
+    near = clamp(bank.bank_rad, before_rad - change_rad, before_rad + change_rad)
+    return Bank(near, bank.load * cos(bank.bank_rad) / cos(near), bank.saturated)
+
+
 def bank_limit(bank_max_rad: float, load: float) -> float:
     """The largest bank (rad) that this load factor carries in level flight, at most `bank_max_rad`; with less
     than a load of 1 it is 0: level first."""

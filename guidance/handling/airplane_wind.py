@@ -3,8 +3,9 @@
 An airspeed says how long v - w is, and so corrects w along the air's direction; in a turn that direction
 comes round, and both parts of w become known without any heading. A heading corrects w across, where its
 bias (1 to 2 degrees: 0.3 m/s at 10 m/s, and around the circle zero on average) makes it the weaker witness;
-it is followed more slowly. Where nothing else ever told of the wind it is the only one, and is followed as
-fast as an airspeed would be; straight on, the wind along stays unknown then. The vertical wind is taken as
+it is followed more slowly. Where nothing else tells of the wind any more it is the only one left, in turns
+enough; where nothing else ever did, it is followed as fast as an airspeed would be. Straight on, the wind
+along stays unknown then. The vertical wind is taken as
 zero: nothing measures it.
 """
 
@@ -37,9 +38,12 @@ class Memory(NamedTuple):
 
 #: An airspeed that is further than this part from |v - w|, and this much (m/s), is not believed.
 DOUBTED_PART: Final = 0.3
+DOUBTED_M_S: Final = 3.0
 #: Of the strongest wind that is flown with; from here on the estimate counts as bounded.
 AT_BOUND_PART: Final = 0.98
-DOUBTED_M_S: Final = 3.0
+#: A given wind that is off by more than this part of the airspeed is outvoted: a compass is 20 degrees wrong
+#: at most, a third of it.
+OUTVOTED_PART: Final = 0.5
 
 UNKNOWN: Final = Memory(0.0, 0.0, False)
 
@@ -71,9 +75,16 @@ def wind_step(
     dt_s: float,
 ) -> Memory:
     """The estimate `dt_s` later. With `given` it follows the autopilot's; else, with an airspeed above 0, its
-    own; else it stays, or is what the heading alone tells if it is not known. What comes first is taken as it
-    is."""
+    own; else what the heading alone tells, slowly once it is known. What comes first is taken as it is.
+
+    An airspeed that fits the estimate, with its heading, outvotes a given wind that is too far from theirs.
+    """
     north, east, known = memory
+    if given and known and airspeed_m_s > 0.0:
+        off_north = velocity_ned_m_s.x - airspeed_m_s * cos(heading_rad) - given_ned_m_s.x
+        off_east = velocity_ned_m_s.y - airspeed_m_s * sin(heading_rad) - given_ned_m_s.y
+        off = sqrt(off_north * off_north + off_east * off_east)
+        given = off <= max(DOUBTED_M_S, OUTVOTED_PART * airspeed_m_s)
     if given:
         part = clamp(parameters.given_per_s * dt_s, 0.0, 1.0) if known else 1.0
         north += part * (given_ned_m_s.x - north)
@@ -97,11 +108,12 @@ def wind_step(
             across = clamp(parameters.across_per_s * dt_s, 0.0, 1.0) * turned
             north += along * c - across * s
             east += along * s + across * c
-    elif not known:
+    else:
         c, s = cos(heading_rad), sin(heading_rad)
         # v - w has this much across the nose, to the right
         across = (velocity_ned_m_s.y - east) * c - (velocity_ned_m_s.x - north) * s
-        across *= clamp(parameters.along_per_s * dt_s, 0.0, 1.0)
+        rate = parameters.across_per_s if known else parameters.along_per_s
+        across *= clamp(rate * dt_s, 0.0, 1.0)
         north -= across * s
         east += across * c
     length = sqrt(north * north + east * east)

@@ -28,6 +28,9 @@ _ONLY: Final = "Faults whose title holds this; repeatable. Default: all."
 
 def faults(
     only: Annotated[list[str] | None, typer.Option(metavar="TITLE", help=_ONLY)] = None,
+    ships: Annotated[
+        bool, typer.Option("--ships", help="Every profile as it ships, on its own body, instead: minutes.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Of the dice; the same seed gives the same bytes.")] = 0,
     real: Annotated[
         bool, typer.Option("--real", help="Those over real sockets and processes instead: a minute.")
@@ -41,10 +44,12 @@ def faults(
 
     Flown on virtual time against the built-in vehicle, in less than a minute. Whatever fails, no setpoint may
     be outside the limits, made of an old state, sent twice, or sent after a hand-over. Exit status 0 only if
-    every outcome is as expected.
+    every outcome is as expected. `--only` takes a profile's name, too.
     """
     try:
-        rows, shown, words = _real(only or [], list_only) if real else _flown(only or [], seed, list_only)
+        rows, shown, words = (
+            _real(only or [], list_only) if real else _flown(only or [], seed, list_only, ships)
+        )
     except ValueError as error:
         sys.stderr.write(f"sitl faults: {error}\n")
         raise typer.Exit(2) from None
@@ -60,17 +65,20 @@ def faults(
     raise typer.Exit(0 if passed else 1)
 
 
-def _flown(only: Sequence[str], seed: int, list_only: bool) -> tuple[list[dict[str, Any]], Table, str]:
+def _flown(
+    only: Sequence[str], seed: int, list_only: bool, ships: bool
+) -> tuple[list[dict[str, Any]], Table, str]:
     """Rows for JSON, the table, and a last line."""
+    from sitl.faults.profile_faults import PROFILE_FAULTS
     from sitl.faults.report import as_json, listed, table
     from sitl.faults.run import fly
     from sitl.faults.table import TABLE
 
-    chosen = _chosen(TABLE, only)
+    chosen = _chosen(PROFILE_FAULTS if ships else TABLE, only)
     titles = f"{len(chosen)} flights of {len({fault.title for fault in chosen})} faults"
     if list_only:
         return (
-            [{"title": fault.title, "firmware": fault.firmware} for fault in chosen],
+            [{"title": fault.title, "firmware": fault.vehicle_name} for fault in chosen],
             listed(chosen),
             titles,
         )
@@ -97,15 +105,19 @@ def _real(only: Sequence[str], list_only: bool) -> tuple[list[dict[str, Any]], T
 
 
 def _chosen(rows: Sequence[_Row], only: Sequence[str]) -> list[_Row]:
-    """Those whose title holds one of the texts, in any case.
+    """Those whose title holds one of the texts, in any case, or of the profile of that name.
 
     Raises:
         ValueError: no title holds one of them.
     """
     for text in only:
-        if not any(text.casefold() in row.title.casefold() for row in rows):
+        if not any(_holds(row, text) for row in rows):
             raise ValueError(f"no fault's title holds {text!r}: see sitl faults --list")
-    return [row for row in rows if not only or any(t.casefold() in row.title.casefold() for t in only)]
+    return [row for row in rows if not only or any(_holds(row, text) for text in only)]
+
+
+def _holds(row: _Titled, text: str) -> bool:
+    return text.casefold() in row.title.casefold() or text == getattr(row, "firmware", "")
 
 
 def _watched(chosen: Sequence[_Row]) -> Iterable[_Row]:

@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
 from guidance.supervisor import State
+from sitl.faults.crafts import CRAFTS
 from sitl.faults.flight import CONTROL_MODES, Flight
 from sitl.vehicle import Firmware
 
@@ -38,7 +39,7 @@ class Expected(NamedTuple):
     `states`: where the supervisor may stand at the end. `told`: codes of events (warnings and worse) that
     must be told, `may` those that may be, beside changes of state. `within_m`: the largest distance from the
     reference while tracking, `out_within_s`: how soon the state is left in which the fault began. `modes`:
-    the vehicle's at the end.
+    the vehicle's at the end. `again_m`: the largest distance in the last `LATE_S`, if it tracks then.
     """
 
     states: frozenset[State]
@@ -48,11 +49,16 @@ class Expected(NamedTuple):
     out_within_s: float = math.inf
     modes: frozenset[str] = frozenset()
     never: frozenset[Never] = frozenset()
+    again_m: float = math.inf
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One row of the table. `title` and `firmware` together are its name."""
+    """One row of the table. `title`, `firmware` and `ships` together are its name.
+
+    `ships`: the shipped configuration flies the body of its own kind (`crafts`), engaged by command,
+    instead of the demo's an ideal vehicle.
+    """
 
     title: str
     firmware: Firmware
@@ -63,9 +69,20 @@ class Fault:
     overrides: tuple[str, ...] = ()
     vehicle: Mapping[str, Any] = field(default_factory=dict)
     signed: bool = False
+    ships: bool = False
+
+    @property
+    def vehicle_name(self) -> str:
+        """As tables show it."""
+        return f"{self.firmware}, as it ships" if self.ships else str(self.firmware)
 
 
 AUTO: Final = ("supervisor.engage=auto", "supervisor.arm=true")
+#: At the end of a flight, s.
+LATE_S: Final = 2.0
+_READY_S: Final = 20.0
+#: Nothing was commanded yet.
+_BEFORE: Final = frozenset({State.DISCONNECTED, State.CONNECTED, State.WITHHELD})
 PILOT: Final = ("supervisor.engage=pilot", "supervisor.arm=false")
 
 
@@ -159,9 +176,29 @@ BEGINNINGS: Final[dict[State, Beginning]] = {
 }
 
 
+def _engaged(reach: Callable[[Flight], bool]) -> Callable[[Flight], bool]:
+    """The same, where control is taken on command alone."""
+
+    def reach_it(flight: Flight) -> bool:
+        flight.run(_READY_S, until=State.READY)
+        flight.engage()
+        return reach(flight)
+
+    return reach_it
+
+
+def beginning(fault: Fault) -> Beginning:
+    """How its flight gets where it begins."""
+    found = BEGINNINGS[fault.begin]
+    if fault.ships and found.overrides is AUTO and fault.begin not in _BEFORE:
+        return Beginning((), found.vehicle, _engaged(found.reach))
+    return found._replace(overrides=()) if fault.ships else found
+
+
 def vehicle_options(fault: Fault) -> dict[str, Any]:
-    """The vehicle's, those of the beginning first."""
-    options = dict(BEGINNINGS[fault.begin].vehicle)
+    """The vehicle's, those of the craft and of the beginning first."""
+    options = dict(CRAFTS[fault.firmware].vehicle) if fault.ships else {}
+    options.update(beginning(fault).vehicle)
     if fault.begin is State.WITHHELD:
         options["initial_mode"] = CONTROL_MODES[fault.firmware]
     return {**options, **fault.vehicle}

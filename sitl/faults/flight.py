@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +17,8 @@ from guidance.records import Event, Level, Record
 from guidance.se3 import Vec3, add, norm, subtract
 from guidance.supervisor import State
 from guidance.trajectory import sample
+from sitl.faults.asked import OWN_LIMITS
+from sitl.faults.crafts import CRAFTS, DEPLOY
 from sitl.faults.tampering import Stage
 from sitl.faults.witness import Witness
 from sitl.lockstep import SECOND, Channel, Lockstep
@@ -37,7 +40,9 @@ BY_FIRMWARE: Final[dict[Firmware, tuple[str, ...]]] = {
         "limits.yaw_rate_max_rad_s=2.0",
     ),
 }
-CONTROL_MODES: Final = {Firmware.PX4_UUV: "OFFBOARD", Firmware.ARDUPILOT_ROVER: "GUIDED"}
+CONTROL_MODES: Final = {
+    firmware: "OFFBOARD" if firmware.startswith("px4") else "GUIDED" for firmware in Firmware
+}
 DEAD: Final = Channel(loss=1.0)
 #: A line on which nothing is wrong.
 SOUND: Final = Channel(delay_s=0.002)
@@ -54,6 +59,11 @@ def settings(firmware: Firmware) -> tuple[str, ...]:
 def configured(firmware: Firmware, *overrides: str) -> Config:
     """The demo's configuration for this firmware, with overrides as `--set` takes them."""
     return load(DEMO, [*settings(firmware), *overrides])
+
+
+def as_it_ships(firmware: Firmware, *overrides: str) -> Config:
+    """The configuration that ships for this profile, with its craft's settings and these on top."""
+    return load(DEPLOY / f"{firmware}.toml", [*CRAFTS[firmware].settings, *overrides])
 
 
 class Flight:
@@ -83,13 +93,20 @@ class Flight:
         )
         self.config = config
         self.profile: Profile = self.line.guide.profile
-        self.witness = Witness(config, self.profile, round(SECOND / config.link.rate_hz))
+        told = {}
+        for name in OWN_LIMITS:
+            with suppress(KeyError):
+                told[name] = self.line.vehicle.parameter(name)
+        self.witness = Witness(config, self.profile, round(SECOND / config.link.rate_hz), told)
         self.line.tap = self.witness
         self.since_ns: int | None = None
         self.codes: list[str] = []
         self.states: list[State] = [self.state]
         self.left_ns: int | None = None
         self.deviation_m = 0.0
+        self.late_m = 0.0  # the largest deviation since `lately`
+        self.airspeed_min_m_s = math.inf  # while tracking,
+        self.lowest_down_m = -math.inf  # too
         self.travel_m = 0.0
         self._looked_ns = 0
         self._began_at = self.line.truth().position_ned_m
@@ -117,6 +134,10 @@ class Flight:
         self._began_at = self.line.truth().position_ned_m
         self.states = [self.state]
 
+    def lately(self) -> None:
+        """What was is forgotten: `late_m` is of what comes."""
+        self.late_m = 0.0
+
     def _look(self) -> None:
         vehicle = self.line.vehicle
         self.witness.look(vehicle.mode == CONTROL_MODES[self.firmware], vehicle.armed)
@@ -137,11 +158,15 @@ class Flight:
         tracker = self.line.guide.tracker
         if self.state is not State.TRACKING or tracker.start_ns is None or tracker.origin_ned_m is None:
             return
-        time_s = (self.line.now_ns - tracker.start_ns) / SECOND
+        truth = self.line.truth()
+        self.airspeed_min_m_s = min(self.airspeed_min_m_s, truth.airspeed_m_s)
+        self.lowest_down_m = max(self.lowest_down_m, position.z)
+        time_s = (self.line.now_ns - tracker.start_ns) / SECOND - tracker.handler.waited_s
         wanted = add(tracker.origin_ned_m, sample(self.config.trajectory, time_s).position)
         error = subtract(position, wanted)
         error_m = math.hypot(error.x, error.y) if self.profile.planar else norm(error)
         self.deviation_m = max(self.deviation_m, error_m)
+        self.late_m = max(self.late_m, error_m)
 
     def _record(self, record: Record) -> None:
         if self.since_ns is not None and isinstance(record, Event) and record.level in _LOUD:

@@ -51,7 +51,7 @@ def table(faults: Sequence[Fault], outcomes: Sequence[Outcome]) -> Table:
         left = "-" if outcome.left_after_s is None else f"{outcome.left_after_s:.2f} s"
         shown.add_row(
             fault.title,
-            fault.firmware,
+            fault.vehicle_name,
             " > ".join(_briefly(outcome.states)),
             left,
             f"{outcome.deviation_m:.3f} m",
@@ -75,6 +75,6 @@ def listed(faults: Sequence[Fault]) -> Table:
         expected = fault.expected
         columns = (expected.states, expected.told, expected.never)
         shown.add_row(
-            fault.title, fault.firmware, fault.begin, *(", ".join(sorted(column)) for column in columns)
+            fault.title, fault.vehicle_name, fault.begin, *(", ".join(sorted(column)) for column in columns)
         )
     return shown

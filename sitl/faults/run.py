@@ -6,8 +6,9 @@ import math
 from typing import Final, NamedTuple
 
 from guidance.supervisor import State
-from sitl.faults.fault import BEGINNINGS, Fault, Never, vehicle_options
-from sitl.faults.flight import Flight, configured
+from sitl.faults.crafts import CRAFTS
+from sitl.faults.fault import LATE_S, Fault, Never, beginning, vehicle_options
+from sitl.faults.flight import Flight, as_it_ships, configured
 
 KEY: Final = bytes(range(32))
 #: The autopilot's own words, passed on, and that the rover's loop grants no 50 Hz.
@@ -38,9 +39,10 @@ class Outcome(NamedTuple):
 
 def fly(fault: Fault, seed: int = 0) -> Outcome:
     """One flight on virtual time; the same fault and seed give the same bytes."""
-    begin = BEGINNINGS[fault.begin]
+    begin = beginning(fault)
     signing = ("link.signing_key_file=signing.key",) if fault.signed else ()
-    config = configured(fault.firmware, *begin.overrides, *signing, *fault.overrides)
+    chosen = as_it_ships if fault.ships else configured
+    config = chosen(fault.firmware, *begin.overrides, *signing, *fault.overrides)
     flight = Flight(config, vehicle_options(fault), seed, KEY if fault.signed else None)
     problems: list[str] = []
     try:
@@ -51,6 +53,8 @@ def fly(fault: Fault, seed: int = 0) -> Outcome:
         for step in fault.steps:
             _run_to(flight, began_ns, step.at_s)
             step.action(flight)
+        _run_to(flight, began_ns, fault.seconds - LATE_S)
+        flight.lately()
         _run_to(flight, began_ns, fault.seconds)
     except Exception as error:
         problems.append(f"raised {type(error).__name__}: {error}")
@@ -59,7 +63,7 @@ def fly(fault: Fault, seed: int = 0) -> Outcome:
     problems += _judged(fault, flight)
     return Outcome(
         fault.title,
-        fault.firmware,
+        fault.vehicle_name,
         tuple(problems),
         tuple(flight.states),
         flight.line.guide.engagement.reason,
@@ -95,6 +99,11 @@ def _judged(fault: Fault, flight: Flight) -> list[str]:
         problems.append(f"told besides: {', '.join(sorted(surplus))}")
     if not flight.deviation_m <= wanted.within_m:
         problems.append(f"{flight.deviation_m:.3f} m off, not within {wanted.within_m:g} m")
+    if flight.state is State.TRACKING and not flight.late_m <= wanted.again_m:
+        problems.append(f"{flight.late_m:.2f} m off at the end, not within {wanted.again_m:g} m again")
+    if flight.state is not State.TRACKING and not flight.line.guide.engagement.reason:
+        problems.append(f"{flight.state} without a reason")
+    problems += _flown_badly(fault, flight)
     left_after_s = _left_after_s(flight)
     if (
         math.isfinite(wanted.out_within_s)
@@ -107,6 +116,19 @@ def _judged(fault: Fault, flight: Flight) -> list[str]:
             f"the vehicle is in {flight.line.vehicle.mode}, not {' or '.join(sorted(wanted.modes))}"
         )
     problems += [f"it {never}" for never in sorted(wanted.never) if _happened(never, fault, flight)]
+    return problems
+
+
+def _flown_badly(fault: Fault, flight: Flight) -> list[str]:
+    """What no airplane may do while it is guided."""
+    craft = CRAFTS[fault.firmware]
+    if not fault.ships or not craft.airspeed_min_m_s:
+        return []
+    problems: list[str] = []
+    if flight.airspeed_min_m_s < craft.airspeed_min_m_s:
+        problems.append(f"{flight.airspeed_min_m_s:.1f} m/s, least {craft.airspeed_min_m_s:g} m/s")
+    if flight.lowest_down_m > craft.floor_down_m:
+        problems.append(f"down to {flight.lowest_down_m:.1f} m, below the floor at {craft.floor_down_m:g} m")
     return problems
 
 

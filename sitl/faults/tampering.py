@@ -145,3 +145,26 @@ def with_another(options: VehicleOptions, now_ns: int) -> Stage:
         return [data, *other.advance(now_ns)]
 
     return mix
+
+
+def told(name: str, **values: float) -> Stage:
+    """In every message of this name these fields have these values."""
+
+    def put(message: Any) -> None:
+        for field, value in values.items():
+            setattr(message, field, value)
+
+    return Tampering(frozenset({name}), put)
+
+
+def parameters(value: float | None) -> Stage:
+    """Every parameter that is no integer has this value; None: no answer comes."""
+
+    def put(message: Any) -> object:
+        if value is None:
+            return False
+        if message.param_type == mavlink.MAV_PARAM_TYPE_REAL32:
+            message.param_value = value
+        return None
+
+    return Tampering(frozenset({"PARAM_VALUE"}), put)

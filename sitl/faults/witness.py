@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from struct import Struct
 from typing import Final, NamedTuple
@@ -17,10 +17,10 @@ from typing import Final, NamedTuple
 from guidance.config import Config
 from guidance.mavlink.codec import Frame, FrameReader
 from guidance.mavlink.profiles import Profile
+from sitl.faults.asked import SETPOINTS, numbers, ranges, stays
 
 HEARTBEAT: Final = 0
 STATUSTEXT: Final = 253
-SET_ATTITUDE_TARGET: Final = 82
 CURRENT_MODE: Final = 436
 #: ATTITUDE, ATTITUDE_QUATERNION, ODOMETRY; LOCAL_POSITION_NED, GLOBAL_POSITION_INT, ODOMETRY.
 ATTITUDES: Final = frozenset({30, 31, 331})
@@ -28,7 +28,6 @@ POSITIONS: Final = frozenset({32, 33, 331})
 
 _BEAT: Final = Struct("<I3B")
 _MODE: Final = Struct("<I")
-_TARGET: Final = Struct("<I8f")
 _ARMED: Final = 128
 _NANOSECONDS: Final = 1_000_000_000
 #: A silence of so many stream time-outs of the firmware ends a flight: what comes later would resume it.
@@ -38,11 +37,11 @@ CLOCK_SLACK_S: Final = 0.02
 
 
 class Setpoint(NamedTuple):
-    """A SET_ATTITUDE_TARGET as it came: when it was sent, its own time, and the four numbers asked for."""
+    """As it came: when it was sent, its own time, and what it asks for (`asked.numbers`)."""
 
     sent_ns: int
     boot_ms: int
-    asked: tuple[float, float, float, float]
+    asked: tuple[float, ...]
     sequence: int
 
 
@@ -51,10 +50,13 @@ class Witness:
 
     `slack_s` is how much older than configured a state may be: what the link's delay hides from any clock.
     `copies` says that the line itself may bring a datagram twice, `deceived` that another speaks as the
-    autopilot, so that nobody can tell from a message what the vehicle does.
+    autopilot, so that nobody can tell from a message what the vehicle does. `told` are the autopilot's own
+    limits (`asked.OWN_LIMITS`).
     """
 
-    def __init__(self, config: Config, profile: Profile, loop_ns: int) -> None:
+    def __init__(
+        self, config: Config, profile: Profile, loop_ns: int, told: Mapping[str, float] | None = None
+    ) -> None:
         self.broken: list[str] = []
         self.setpoints: list[Setpoint] = []
         self.slack_s = CLOCK_SLACK_S
@@ -64,7 +66,7 @@ class Witness:
         self._profile = profile
         self._loop_ns = loop_ns
         self._digest = hashlib.sha256()
-        self._ranges = _ranges(config)
+        self._ranges = ranges(config, profile, told or {})
         self._readers = {True: FrameReader(), False: FrameReader()}
         self._restarts_ns: list[int] = []
         self._first: dict[tuple[int, int], int] = {}  # when a state of this time was sent first
@@ -162,10 +164,10 @@ class Witness:
     def _at_vehicle(self, frame: Frame, sent_ns: int, now_ns: int) -> None:
         if frame.message_id == STATUSTEXT and frame.payload[1:].startswith(b"guidance: handed-over"):
             self._forbid(sent_ns)
-        if frame.message_id != SET_ATTITUDE_TARGET:
+        if frame.message_id not in SETPOINTS:
             return
-        boot_ms, *_, p, q, r, thrust = _unpacked(_TARGET, frame)
-        setpoint = Setpoint(sent_ns, boot_ms, (p, q, r, thrust), frame.sequence)
+        boot_ms, asked = numbers(self._profile, frame.message_id, frame.payload)
+        setpoint = Setpoint(sent_ns, boot_ms, asked, frame.sequence)
         if self.copies and setpoint in self.setpoints[-64:]:
             return  # the line's copy, not the guide's
         self.setpoints.append(setpoint)
@@ -174,7 +176,10 @@ class Witness:
         self._permission(setpoint, now_ns)
 
     def _limits(self, setpoint: Setpoint) -> None:
-        for name, value, (low, high) in zip(_NAMES, setpoint.asked, self._ranges, strict=True):
+        if len(setpoint.asked) != len(self._ranges):
+            self._break("a setpoint was sent that is no such vehicle's")
+            return
+        for value, (name, low, high) in zip(setpoint.asked, self._ranges, strict=True):
             if not low <= value <= high:  # nor is what is no number
                 self._break(f"a {name} of {value:g} was sent, outside {low:g} to {high:g}")
 
@@ -190,7 +195,7 @@ class Witness:
 
     def _permission(self, setpoint: Setpoint, now_ns: int) -> None:
         sent_ns = setpoint.sent_ns
-        harmless = not any(setpoint.asked) and not self._is_control()
+        harmless = stays(self._profile, setpoint.asked) and not self._is_control()
         open_ns = math.inf if self._forbidden_ns is None else self._forbidden_ns
         if sent_ns > open_ns or any(begin < sent_ns < end for begin, end in self._forbidden):
             # A neutral stream that cannot take control is offered to a pilot, who may switch to it. Who was
@@ -237,23 +242,6 @@ class _Newest:
         """How old the newest was then; infinite if none had come."""
         count = bisect_right(self._came_ns, now_ns)
         return (now_ns - self._made_ns[count - 1]) / _NANOSECONDS if count else math.inf
-
-
-_NAMES: Final = ("roll rate", "pitch rate", "yaw rate", "thrust")
-
-
-def _ranges(config: Config) -> tuple[tuple[float, float], ...]:
-    """Lowest and highest of each number of a setpoint, as the wire's 32 bits round them."""
-    limits, full_m_s = config.limits, config.vehicle.speed_at_full_thrust_m_s
-    rates = (limits.roll_rate_max_rad_s, limits.pitch_rate_max_rad_s, limits.yaw_rate_max_rad_s)
-    low, high = limits.speed_min_m_s / full_m_s, limits.speed_max_m_s / full_m_s
-    thrusts = (_float32(max(low, -1.0)), _float32(min(high, 1.0)))
-    return (*((-_float32(rate), _float32(rate)) for rate in rates), thrusts)
-
-
-def _float32(value: float) -> float:
-    single = Struct("<f")
-    return float(single.unpack(single.pack(value))[0])
 
 
 def _unpacked(form: Struct, frame: Frame) -> tuple[int, ...]:

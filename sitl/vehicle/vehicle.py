@@ -244,6 +244,11 @@ class Vehicle:
         """
         return self._pilot.parameters[name]
 
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Of the firmware's parameters, as `parameter` takes them."""
+        return tuple(self._pilot.parameters)
+
     # --- inside -----------------------------------------------------------------------------------------
 
     def _run_to(self, now_ns: int) -> None:

@@ -33,6 +33,7 @@ WATCHES = starting(".venv/bin/guidance watch")
 PAPER = starting(".venv/bin/sitl paper")
 ORDERS = starting(".venv/bin/guidance command")
 FOXGLOVE = starting(".venv/bin/guidance foxglove")
+DASHBOARDS = starting(".venv/bin/guidance dashboard")
 BENCH_CAMPAIGN = ".venv/bin/sitl bench campaign"
 CAMPAIGNS = starting(".venv/bin/sitl campaign")
 SCENARIOS = starting(".venv/bin/sitl scenarios")
@@ -41,7 +42,7 @@ ON_THE_VEHICLE = starting("sudo ", "systemctl ")
 #: Run in test_readme, in its process or as processes, with less to do where they would take minutes.
 RUN = [
     *(*DEMOS, *REPLAYS, *CHECKS, *TUNES, *WATCHES, *PAPER, *ORDERS, *FOXGLOVE, *CAMPAIGNS, *SCENARIOS, *FUZZ),
-    *(*FLOWN, MAKE_A_KEY, ".venv/bin/sitl bench"),
+    *(*DASHBOARDS, *FLOWN, MAKE_A_KEY, ".venv/bin/sitl bench"),
 ]
 #: Not run here: why. Those of our own programs are parsed by them, with the files and keys that they name.
 NOT_RUN = {

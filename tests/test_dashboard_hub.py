@@ -270,6 +270,8 @@ def test_a_strangers_instants_and_texts_are_cut_to_size() -> None:
     flown = Flown()
     odd = replace(session("aa"), unix_offset_ns=1 << 63)
     flown.turn(*flown.heard(odd, event((1 << 63) - 1, "x" * 100_000)))
+    first: Any = fleet_told(flown.hub.fleet, flown.hub.seen, "", 0, 0)
+    assert [note["unix_s"] for note in first["notes"]] == [0.0]
     flown.turn(*flown.heard(*(event(k, str(k)) for k in range(300))))
     said: Any = fleet_told(flown.hub.fleet, flown.hub.seen, "", 0, 0)
     assert len(said["notes"]) == NOTES_MAX

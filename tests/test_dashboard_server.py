@@ -29,7 +29,7 @@ from websockets.typing import Origin
 from guidance.cli import app
 from guidance.dashboard.command import url_of
 from guidance.dashboard.rows import COLUMNS, ROW
-from guidance.dashboard.server import Dashboard, DashboardError, files, from_here, names_us
+from guidance.dashboard.server import Dashboard, DashboardError, _Open, files, from_here, names_us
 from guidance.records import TOPICS, Record
 from guidance.telemetry.arrivals import Answered, Arrival, Heard, Presence, read
 from tests.fleet_rig import error, event, session, state, status
@@ -238,6 +238,25 @@ def test_a_vehicle_that_appears_is_asked_for_its_history() -> None:
         sky.arrivals = [Presence(time.monotonic_ns(), "uuv-1", here=True)]
         until(one, lambda m: kind("fleet")(m) and m["fleet"] != [])
     assert sky.wanted == ["uuv-1"]
+
+
+def test_silence_is_told_with_the_first_turn_after_it() -> None:
+    """Words are told every fourth turn; whenever it begins, this is not left for the next of them."""
+    for phase in range(4):
+        sky, now_ns = Sky(), 10**12
+        dashboard = Dashboard(sky, commands=False, clock_ns=lambda: now_ns)  # noqa: B023 - called within
+        opened = _Open()
+        dashboard._open.add(opened)
+        for _ in range(phase):
+            dashboard.turn(now_ns)
+        sky.arrivals = [Heard(now_ns, "uuv-1", "status", status(0))]
+        dashboard.turn(now_ns)
+        while dashboard.hub.seen[0].contact == "live":
+            opened.page.take(dashboard.hub.ring)
+            now_ns += 50_000_000
+            dashboard.turn(now_ns)
+        told = [json.loads(message) for message in opened.page.take(dashboard.hub.ring)]
+        assert [seen["contact"] for seen in told[0]["fleet"]] == ["silent"]
 
 
 def test_garbage_from_zenoh_and_from_pages_is_named_or_passed_over() -> None:

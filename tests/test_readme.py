@@ -38,6 +38,7 @@ from tests.page_commands import (
     CAMPAIGNS,
     CHECKS,
     COMMANDS,
+    DASHBOARDS,
     DEMOS,
     FLOWN,
     FOXGLOVE,
@@ -222,6 +223,21 @@ def test_foxglove_is_bridged_to(command: str, monkeypatch: pytest.MonkeyPatch) -
     outcome = CliRunner().invoke(guidance_cli.app, words(command))
     assert outcome.exit_code == 0, outcome.output
     assert shown == [tomllib.loads((ROOT / "deploy" / "px4-uuv.toml").read_text())["vehicle"]["name"]]
+
+
+@pytest.mark.parametrize("command", DASHBOARDS)
+def test_the_dashboard_is_understood(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page itself is seen in test_dashboard_server; here nothing listens."""
+    shown = []
+
+    def run(**settings: object) -> int:
+        shown.append(settings["port"])
+        return 0
+
+    monkeypatch.setattr("guidance.dashboard.command.dashboard", run)
+    outcome = CliRunner().invoke(guidance_cli.app, words(command))
+    assert outcome.exit_code == 0, outcome.output
+    assert len(shown) == 1
 
 
 @pytest.mark.parametrize("command", ORDERS)

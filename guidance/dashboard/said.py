@@ -136,7 +136,7 @@ def told(fleet: Fleet, watched: Watched, vehicle: str, now_ns: int) -> dict[str,
             "mode": status.mode,
             "intended_mode": status.intended_mode,
             "allocation": status.allocation,
-            "cautions": [str(caution)[:500] for caution in getattr(status, "cautions", ())][:20],
+            "cautions": [caution[:500] for caution in status.cautions[:20]],
             "fresh": fleet.fresh(vehicle, Status, now_ns, _STATUS_FRESH_NS) is not None,
         }
     if link is not None:

@@ -59,7 +59,7 @@ NOT_RUN = {
     **dict.fromkeys(ON_THE_VEHICLE, "installs as root; what it copies is copied, the rest held to the unit"),
     **dict.fromkeys(
         [c for c in starting(".venv/bin/sitl vehicle", ".venv/bin/guidance run") if c not in FLOWN],
-        "runs until it is ended; a pair of them is flown, the vehicle's options in test_vehicle_process",
+        "runs until it is ended; pairs fly in test_readme, test_first_flight; options: test_vehicle_process",
     ),
 }
 

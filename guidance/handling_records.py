@@ -84,8 +84,8 @@ class VelocityHandling(Record, frozen=True, kw_only=True, gc=False):
     `heading_rad`. The air takes `drag_per_s` of the velocity through it, as learned. The trajectory's clock
     runs at `clock_rate` and is `waited_s` behind the flight's. `stuck`: it is asked to fly and does not move.
 
-    The rest is of `output = "rates"` (`guidance.handling.copter_rates`): what is held against the wind, the
-    hover thrust over the one that the autopilot tells, as learned, and what is at its end.
+    The rest is of `copter.output = "rates"` (`guidance.handling.copter_rates`): what is held against the
+    wind, the hover thrust over the one that the autopilot tells, as learned, and what is at its end.
     """
 
     wanted_ned_m_s: Triple

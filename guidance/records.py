@@ -41,9 +41,9 @@ class Input(Record, frozen=True, kw_only=True, gc=False):
     """One event that entered the core, in order; `seq` counts them without gaps, so that a loss shows.
 
     The `text` of a command is JSON (`guidance.commands.Order`), and so is that of the signing clock
-    (`guidance.mavlink.signing.SigningClock`) and of what was learned before (`Handler.learned`). That of a
-    datagram numbers those of its frames whose signature was not made with our key, so that a replay needs no
-    key.
+    (`guidance.mavlink.signing.SigningClock`) and of what was learned before
+    (`guidance.flying.Handler.learned`). That of a datagram numbers those of its frames whose signature was
+    not made with our key, so that a replay needs no key.
     """
 
     seq: int
@@ -190,7 +190,7 @@ class Link(Record, frozen=True, kw_only=True):
 
     `uplink_age_s` is the age of the newest packet of ours that the autopilot answered (TIMESYNC).
     `transport` is the connection's kind; `needed_bytes_per_s` is at most needed in the busier direction,
-    `capacity_bytes_per_s` what the line carries each way, None where that is not known.
+    `capacity_bytes_per_s` what the line carries each way, null where that is not known.
     `counters` names every kind of input that was not used (bad checksums, garbage bytes, other systems,
     non-finite values, duplicates, ...) with its count since the start.
     """
@@ -307,6 +307,28 @@ TOPICS: Final[dict[type[Record], str]] = {
     Event: "event",
     Answer: "answers",
     Lost: "lost",
+}
+
+#: When each is told. A rate in Hz is that of `guidance.reporting.PERIODS_NS`, by time alone.
+RATES: Final[dict[type[Record], str]] = {
+    Session: "once, at the start",
+    Input: "everything that enters the core",
+    Packet: "everything that is sent to the autopilot",
+    State: "with each setpoint; 10 Hz without",
+    Reference: "with each setpoint that tracks",
+    Setpoint: "with each new attitude that may be flown by",
+    TrackingError: "with each setpoint that tracks",
+    GroundHandling: "with each setpoint of a rover or boat",
+    AirplaneHandling: "with each setpoint of an airplane",
+    VelocityHandling: "with each setpoint of a copter",
+    Stepping: "with each setpoint of a tuning flight",
+    Status: "5 Hz, and when it changes",
+    Link: "2 Hz",
+    Parameters: "when they have been read, and when one changes",
+    Timing: "1 Hz",
+    Event: "as it happens",
+    Answer: "one for each order",
+    Lost: "when the recorder had to drop some",
 }
 
 #: What decoding a payload raises that is not the JSON of its record: not JSON, not UTF-8, nested too deeply.

@@ -21,6 +21,7 @@ from guidance.connection import parse_connection
 from guidance.guards import GUARDS
 from guidance.mavlink.profiles import PROFILES
 from guidance.records import TOPICS, StreamStatus
+from guidance.telemetry.schema import encoding_schema
 from guidance.trajectory import TRAJECTORIES
 from guidance.tuning import ErrorFunction
 from sitl import cli as sitl_cli
@@ -126,6 +127,8 @@ SECTIONS: Final = {key.rpartition(".")[0] for key in KEYS}
 FIELDS: Final = {
     f"{topic}.{field.name}" for kind, topic in TOPICS.items() for field in msgspec.structs.fields(kind)
 }
+#: What the encoding of a payload may say behind `application/json;`, or nothing.
+ENCODINGS: Final = {"application/json", *map(encoding_schema, TOPICS.values())}
 COMMON_FIELDS: Final = {"t_ns", *(field.name for field in msgspec.structs.fields(StreamStatus))}
 
 
@@ -260,9 +263,11 @@ def is_connection(text: str) -> bool:
 
 
 def is_zenoh_key(text: str) -> bool:
-    """Below `guidance/<vehicle>/`, or a topic in a log."""
+    """Below `guidance/<vehicle>/`, or a topic in a log; the parameter of a query, what an encoding says."""
     topic = re.sub(r"^(guidance/(<vehicle>|\*))?/", "", text)
-    known = {*TOPICS.values(), "<topic>", "alive", "tf", "log", "NAME/...", "vehicle/...", "reference/..."}
+    if text.removeprefix("application/json;") in ENCODINGS or text in ("<vehicle>", "?history=180", "_raw"):
+        return True
+    known = {*TOPICS.values(), "", "*", "<topic>", "alive", "tf", "log", "NAME/...", "vehicle/...", "reference/..."}
     return topic != text and (topic in known or bool(re.fullmatch(r"command/(\.\.\.|[a-z]+)", topic)))
 
 
@@ -288,6 +293,14 @@ def is_known_elsewhere(text: str) -> bool:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     listed = any(text in names for names in ELSEWHERE.values())
     return listed or text in OTHERS or text in COMING or text in project["optional-dependencies"]
+
+
+def is_pattern_of_fields(text: str) -> bool:
+    """`demanded_*`, or an element of a list: `counts[i - 1]`."""
+    ends = {field.partition(".")[2] for field in FIELDS}
+    if text.endswith("*"):
+        return any(end.startswith(text[:-1]) for end in ends)
+    return text.endswith("]") and re.sub(r"\[i( - 1)?\]$", "", text) in ends
 
 
 def is_json(text: str) -> bool:
@@ -318,6 +331,7 @@ KINDS: Final[tuple[Callable[[str], bool], ...]] = (
     is_message_field,
     is_known_elsewhere,
     is_json,
+    is_pattern_of_fields,
     is_said,
 )
 

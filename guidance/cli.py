@@ -1,4 +1,4 @@
-"""The command `guidance`. Exit status: 0 done, 1 it did not work out, 2 wrong usage or configuration."""
+"""The command `guidance`; `guidance.entry` has the exit statuses."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from rich.console import Console
 
 from guidance import __version__
 from guidance.command_cli import command
+from guidance.completion import setting
 from guidance.dashboard_cli import dashboard
 from guidance.demo_cli import demo
+from guidance.entry import complain, enter, refused
 from guidance.network_options import Connect, Listen, ZenohFile
+from guidance.progress import waiting
 from guidance.tune_cli import tune
 
 _ROOT_HELP = """Guidance of forward-driven vehicles on SE(3) over MAVLink.
@@ -37,19 +40,19 @@ guidance replay logs/FLIGHT.mcap                    its law again, to the bit
 app = typer.Typer(
     help=_ROOT_HELP,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 _SET_HELP = "Override a configuration key, such as law.k=0.5 (repeatable)."
-Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=_SET_HELP)]
+Overrides = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=_SET_HELP, autocompletion=setting)
+]
 
 
 def _refuse(text: object) -> typer.Exit:
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance: {text}", markup=False)
-    return typer.Exit(2)
+    return refused("guidance", text)
 
 
 def _version(wanted: bool) -> None:
@@ -174,6 +177,8 @@ def watch(
     that it connects to. Without a place this looks at tcp/127.0.0.1:7447 and around by multicast, which
     finds services that have multicast_scouting = true and listen somewhere.
 
+    Exit status 0 after --seconds or when nobody reads any more, 2 for a wrong option, 130 after Ctrl-C.
+
     Examples:
 
     \b
@@ -215,7 +220,9 @@ def foxglove_command(
     """Show vehicles live in Foxglove or Lichtblick, by what their services publish over zenoh.
 
     Topics and frames are /NAME/..., or without /NAME if --vehicle says which. Without a place this looks
-    where `guidance watch` does. It ends with Ctrl-C (status 130) and needs the extra "foxglove".
+    where `guidance watch` does. It needs the extra "foxglove".
+
+    Exit status 130 after Ctrl-C, 1 if the port is taken, 2 for a wrong option.
 
     Examples:
 
@@ -234,7 +241,7 @@ def foxglove_command(
     except ValueError as error:
         raise _refuse(error) from None
     except BridgeError as error:
-        typer.echo(f"guidance foxglove: {error}", err=True)
+        complain("guidance foxglove", error)
         raise typer.Exit(1) from None
     raise typer.Exit(status)
 
@@ -268,7 +275,9 @@ def check(
     from guidance.preflight.view import passed, show
 
     try:
-        found = look(loaded := load(config, overrides or ()), str(config), seconds)
+        loaded = load(config, overrides or ())
+        with waiting("guidance check", f"looking for at most {seconds:g} s"):
+            found = look(loaded, str(config), seconds)
     except ConfigError as error:
         raise _refuse(error) from None
     if as_json:
@@ -289,4 +298,4 @@ app.command("tune")(tune)
 
 def main() -> None:
     """Entry point."""
-    app()
+    enter(app, "guidance")

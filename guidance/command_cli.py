@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated
 
 import msgspec
 import typer
-from rich.console import Console
 
+from guidance.completion import order, words_of_order
+from guidance.entry import complain, refused
 from guidance.network_options import Connect, Listen, ZenohFile
 
 
@@ -15,11 +17,19 @@ def command(
     vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="Its name, vehicle.name.")],
     verb: Annotated[
         str,
-        typer.Argument(metavar="ORDER", help="engage, hold, resume, abort, load, set, allocate or shutdown."),
+        typer.Argument(
+            metavar="ORDER",
+            help="engage, hold, resume, abort, load, set, allocate or shutdown.",
+            autocompletion=order,
+        ),
     ],
     words: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[WORD]...", help="set KEY=VALUE; load FILE or KEY=VALUE...; allocate NAME"),
+        typer.Argument(
+            metavar="[WORD]...",
+            help="set KEY=VALUE; load FILE or KEY=VALUE...; allocate NAME",
+            autocompletion=words_of_order,
+        ),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,
@@ -34,7 +44,7 @@ def command(
 
     Its service must have zenoh.commands = true. Without a place this looks at tcp/127.0.0.1:7447.
 
-    Exit status 0 accepted, 1 refused, 2 nobody answered or a wrong order.
+    Exit status 0 accepted, 1 refused or not answered (`accepted` is null in the JSON), 2 a wrong order.
 
     Examples:
 
@@ -56,9 +66,13 @@ def command(
             multicast=multicast,
             seconds=seconds,
         )
-    except (ValueError, NoAnswerError) as error:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance: {error}", markup=False)
-        raise typer.Exit(2) from None
+    except ValueError as error:
+        raise refused("guidance", error) from None
+    except NoAnswerError as error:
+        complain("guidance command", error)
+        if as_json:
+            typer.echo(json.dumps({"accepted": None, "reason": str(error), "id": "", "repeated": False}))
+        raise typer.Exit(1) from None
     if as_json:
         typer.echo(msgspec.json.encode(reply).decode())
     else:

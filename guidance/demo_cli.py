@@ -6,7 +6,10 @@ import json
 from typing import Annotated
 
 import typer
-from rich.console import Console
+
+from guidance.completion import setting
+from guidance.completion import trajectory as trajectories
+from guidance.entry import complain, refused
 
 
 def demo(
@@ -20,7 +23,10 @@ def demo(
         ),
     ] = None,
     trajectory: Annotated[
-        str | None, typer.Option(metavar="NAME", help="helix, circle, line, zigzag or lemniscate.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="helix, circle, line, zigzag or lemniscate.", autocompletion=trajectories
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
@@ -28,6 +34,7 @@ def demo(
             "--set",
             metavar="KEY=VALUE",
             help="Override a configuration key, such as law.k=0.5 (repeatable).",
+            autocompletion=setting,
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON on stdout.")] = False,
@@ -57,20 +64,17 @@ def demo(
     from guidance.demo_page import attend
     from guidance.demo_view import failure_json, show
 
-    stderr = Console(stderr=True, soft_wrap=True, highlight=False)
     settings = [*([] if trajectory is None else [f"trajectory.name={trajectory}"]), *(overrides or ())]
     if as_json and (dashboard or open_browser):
-        stderr.print("guidance: --json, --dashboard: what is flown from a page is not judged; give either")
-        raise typer.Exit(2)
+        raise refused("guidance", "--json, --dashboard: what is flown from a page is not judged; give either")
     try:
         if dashboard or open_browser:
             raise typer.Exit(attend(seconds, settings, open_browser=open_browser))
         result = flight.fly(30.0 if seconds is None else seconds, settings)
     except ConfigError as error:
-        stderr.print(f"guidance: {error}", markup=False)
-        raise typer.Exit(2) from None
+        raise refused("guidance", error) from None
     except flight.DemoError as error:
-        stderr.print(f"guidance demo: {error}", markup=False)
+        complain("guidance demo", error)
         if as_json:
             typer.echo(json.dumps(failure_json(str(error))))
         raise typer.Exit(1) from None

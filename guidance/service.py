@@ -18,9 +18,10 @@ from typing import Final
 from guidance import __version__
 from guidance.commands import Engage, Shutdown
 from guidance.config import Config, to_json
+from guidance.journal import say
 from guidance.kept_file import open_learned
 from guidance.notify import Notifier
-from guidance.records import SCHEMA_VERSION, Session
+from guidance.records import SCHEMA_VERSION, Level, Session
 from guidance.shell import Shell
 from guidance.signing_files import ClockKeeper, open_signing
 from guidance.telemetry.sinks import Sinks, configured_sinks
@@ -84,7 +85,10 @@ async def _serve(
         status = 1
         _leave_at_the_latest(lambda: 1)
         notifier.failed("internal error, no setpoint follows")
-        _say(f"guidance: internal error, no setpoint follows; please report it\n{traceback.format_exc()}")
+        _say(
+            Level.CRITICAL,
+            f"guidance: internal error, no setpoint follows; please report it\n{traceback.format_exc()}",
+        )
     if keeper is not None:
         keeper.close(KEEP_S)
     if learned is not None:
@@ -93,15 +97,14 @@ async def _serve(
     if left:
         # Threads that hang in a disk or in zenoh would hold up the interpreter's own end by seconds.
         if "log" in left:
-            _say(f"log: not everything was written: {left['log']}\n")
+            _say(Level.ERROR, f"log: not everything was written: {left['log']}\n")
         os._exit(status)
     return status
 
 
-def _say(text: str) -> None:
+def _say(level: Level, text: str) -> None:
     with suppress(OSError, ValueError):  # nobody listens
-        sys.stderr.write(text)
-        sys.stderr.flush()
+        say(level, text)
 
 
 def _leave_at_the_latest(status: Callable[[], int]) -> None:

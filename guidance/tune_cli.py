@@ -7,6 +7,9 @@ from typing import Annotated
 
 import typer
 
+from guidance.completion import setting
+from guidance.entry import refused
+
 
 def tune(
     config: Annotated[
@@ -15,7 +18,12 @@ def tune(
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Override a configuration key (repeatable)."),
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override a configuration key (repeatable).",
+            autocompletion=setting,
+        ),
     ] = None,
     log: Annotated[
         Path | None, typer.Option(metavar="LOG.mcap", help="Fly nothing: identify again from this log.")
@@ -56,6 +64,5 @@ def tune(
     elif config is not None and log is None:
         status = fly_and_tell(config, overrides or (), speed, wait, output, yes=yes, as_json=as_json)
     else:
-        typer.echo("guidance: say what to fly (--config FILE) or what was flown (--log LOG.mcap)", err=True)
-        status = 2
+        raise refused("guidance", "say what to fly (--config FILE) or what was flown (--log LOG.mcap)")
     raise typer.Exit(status)

@@ -11,7 +11,7 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from guidance.config import Config, load
 from guidance.demo import CONFIG_FILE
@@ -44,16 +44,14 @@ def flight(config: Config, on_record: Callable[[Record], object]) -> Lockstep:
     return Lockstep(config, vehicle, start_ns=SECOND, on_record=on_record)
 
 
-def run() -> list[Figure]:
-    """All figures; takes some ten seconds."""
+def run(step: Callable[[], object] = lambda: None) -> list[Figure]:
+    """All figures; takes some ten seconds. `step` is called after each of the `MEASUREMENTS`."""
     config = load(CONFIG_FILE)
-    return [
-        _lockstep(config),
-        _replay(config),
-        _law(config),
-        _first_setpoint(config),
-        _memory(config),
-    ]
+    figures = []
+    for measure in MEASUREMENTS:
+        figures.append(measure(config))
+        step()
+    return figures
 
 
 def _lockstep(config: Config) -> Figure:
@@ -111,6 +109,9 @@ def _memory(config: Config) -> Figure:
     grown_kib = (tracemalloc.get_traced_memory()[0] - before) / 1024
     tracemalloc.stop()
     return Figure("memory grown in 50 s of flight", grown_kib, "KiB", "flat: under 16", grown_kib < 16.0)
+
+
+MEASUREMENTS: Final = (_lockstep, _replay, _law, _first_setpoint, _memory)
 
 
 def _drop(record: Record) -> None:

@@ -225,8 +225,8 @@ def crazyflow() -> Iterator[Callable[[], float]]:
             process.kill()
 
 
-def measure() -> Report:
-    """All figures; takes a minute, most of it crazyflow's compilation."""
+def measure(step: Callable[[], object] = lambda: None) -> Report:
+    """All figures; takes a minute, most of it crazyflow's compilation. `step` is called after each round."""
     threads = cores()
     compile_s, cached_s = _first_flights()
     starts, ours = fly_range(PLAN, 0, PLAN.flights)
@@ -256,6 +256,7 @@ def measure() -> Report:
                 except UnavailableError as reason:
                     notes[side] = str(reason)
                     del best[side]
+            step()
 
     def ratio(side: str, to: str) -> float | None:
         return best[side] / best[to] if to in best else None

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 import typer
 
-benchmarks = typer.Typer(help="Measure, beside the goals.", add_completion=False)
+from guidance.entry import refused
+from guidance.progress import Steps
+
+benchmarks = typer.Typer(rich_markup_mode=None)
 
 
 @benchmarks.callback(invoke_without_command=True)
@@ -19,13 +21,21 @@ def bench(
 ) -> None:
     """Measure lockstep, replay, law, time to the first setpoint and memory, beside their goals.
 
-    Exit status 0 only if every goal is met on this machine.
+    Exit status 0 only if every goal is met on this machine, 1 if not. It takes some ten seconds.
+
+    Examples:
+
+    \b
+    sitl bench
+    sitl bench --json
+    sitl bench latency
     """
     if context.invoked_subcommand is not None:
         return
-    from sitl.bench import run as measure
+    from sitl import bench as quick
 
-    figures = measure()
+    with Steps("sitl bench", "figures", len(quick.MEASUREMENTS), steady=True) as steps:
+        figures = quick.run(steps.advance)
     if as_json:
         typer.echo(json.dumps([figure._asdict() for figure in figures]))
     else:
@@ -43,15 +53,20 @@ def bench_campaign(
 ) -> None:
     """Measure the throughput of campaigns beside a C loop of the same arithmetic and crazyflow.
 
-    Exit status 0 only if every goal is met on this machine; one that could not be measured is not.
+    Exit status 0 only if every goal is met on this machine, 1 if not; one that could not be measured is not.
+
+    Example:
+
+    \b
+    sitl bench campaign --json
     """
     try:
         from sitl import bench_campaign as throughput
     except ModuleNotFoundError as error:
-        sys.stderr.write(f"sitl bench campaign: needs {error.name}, of the extra se3-guidance[sitl]\n")
-        raise typer.Exit(2) from None
+        raise refused("sitl bench campaign", f"needs {error.name}, of the extra se3-guidance[sitl]") from None
 
-    report = throughput.measure()
+    with Steps("sitl bench campaign", "rounds", throughput.ROUNDS, steady=True) as steps:
+        report = throughput.measure(steps.advance)
     if as_json:
         typer.echo(json.dumps(report))
     else:
@@ -70,11 +85,19 @@ def bench_latency(
     """Measure state sent to setpoint received, over UDP, at 50 and 200 Hz: the service, mavsdk and an echo.
 
     The service runs with telemetry and log on; mavsdk (the extra `bench`) does the same job in Python; the
-    echo is the floor. Takes a minute and a half. Exit status 0 only if every goal is met on this machine.
+    echo is the floor. Takes a minute and a half.
+
+    Exit status 0 only if every goal is met on this machine, 1 if not.
+
+    Example:
+
+    \b
+    sitl bench latency --rounds 2 --json
     """
     from sitl import bench_latency as latency
 
-    report = latency.measure(rounds)
+    with Steps("sitl bench latency", "turns", latency.steps(rounds), steady=True) as steps:
+        report = latency.measure(rounds, steps.advance)
     _print_bench(report, latency.rows(report), report["notes"], as_json=as_json)
     raise typer.Exit(0 if report["met"] else 1)
 
@@ -87,11 +110,19 @@ def bench_loop(
     """Measure how late the service's loop is, idle and with its sinks under load.
 
     Load: every record ten times to log and zenoh, a `guidance watch`, and a sink that computes in Python
-    without end. Takes about a minute. Exit status 0 only if both goals are met on this machine.
+    without end. Takes about a minute.
+
+    Exit status 0 only if both goals are met on this machine, 1 if not.
+
+    Example:
+
+    \b
+    sitl bench loop --rounds 2 --json
     """
     from sitl import bench_loop as loop
 
-    report = loop.measure(rounds)
+    with Steps("sitl bench loop", "turns", 2 * rounds, steady=True) as steps:
+        report = loop.measure(rounds, steps.advance)
     _print_bench(report, loop.rows(report), report["notes"], as_json=as_json)
     raise typer.Exit(0 if report["met"] else 1)
 
@@ -104,11 +135,19 @@ def bench_link(
 ) -> None:
     """Measure tracking over links that lose and delay, and which loss and gap end a flight: on virtual time.
 
-    Takes a minute or two. Exit status 0 only if every goal is met; the figures depend on no machine.
+    Takes a minute or two; the figures depend on no machine.
+
+    Exit status 0 only if every goal is met, 1 if not.
+
+    Example:
+
+    \b
+    sitl bench link --flights 3 --seconds 30 --json
     """
     from sitl import bench_link as link
 
-    report = link.measure(flights, seconds)
+    with Steps("sitl bench link", "rows", link.ROWS, steady=True) as steps:
+        report = link.measure(flights, seconds, steps.advance)
     _print_bench(report, link.rows(report), (), as_json=as_json)
     raise typer.Exit(0 if report["met"] else 1)
 

@@ -161,25 +161,30 @@ def fly_round(name: str, rate_hz: int) -> Round:
     return Round(answered_us(flight), flight.late_ns)
 
 
-def measure(rounds: int = ROUNDS) -> Report:
-    """All figures; takes about a minute and a half."""
+def measure(rounds: int = ROUNDS, step: Callable[[], object] = lambda: None) -> Report:
+    """All figures; takes about a minute and a half. `step` is called after each of `steps(rounds)` turns."""
     notes: list[str] = []
-    rates = [_at_rate(rate_hz, rounds, notes) for rate_hz in RATES_HZ]
+    rates = [_at_rate(rate_hz, rounds, notes, step) for rate_hz in RATES_HZ]
     return Report(rates=rates, notes=notes, met=all(at["met"] for at in rates))
 
 
-def _at_rate(rate_hz: int, rounds: int, notes: list[str]) -> AtRate:
+def steps(rounds: int) -> int:
+    """How many turns there are."""
+    return len(RATES_HZ) * rounds * len(CANDIDATES)
+
+
+def _at_rate(rate_hz: int, rounds: int, notes: list[str], step: Callable[[], object]) -> AtRate:
     flown: dict[str, list[Round]] = {name: [] for name in CANDIDATES}
     missing: set[str] = set()
     for number in range(rounds):
         for name in _turned(list(CANDIDATES), number):
-            if name in missing:
-                continue
             try:
-                flown[name].append(fly_round(name, rate_hz))
+                if name not in missing:
+                    flown[name].append(fly_round(name, rate_hz))
             except UnavailableError as reason:
                 missing.add(name)
                 notes.append(f"{name} not measured at {rate_hz} Hz: {reason}")
+            step()
     return at_rate(rate_hz, {name: [] if name in missing else flown[name] for name in CANDIDATES})
 
 

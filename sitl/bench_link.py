@@ -10,9 +10,9 @@ The same figures on every machine: nothing here depends on how fast it is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
+from typing import Any, Final, NamedTuple, TypeVar
 
 from guidance.config import load
 from guidance.demo import CONFIG_FILE
@@ -23,6 +23,7 @@ from guidance.supervisor import State as Supervised
 from guidance.trajectory import sample
 from sitl.lockstep import PERFECT, SECOND, Channel, Lockstep
 from sitl.vehicle import Firmware, Vehicle, VehicleOptions
+from sitl.workers import workers
 
 #: Largest error after convergence, m, by trajectory.
 GOALS_M: Final = {"bounded helix": 0.03, "helix of 20 m at 4 m/s": 0.3}
@@ -44,6 +45,10 @@ AT_RATE_PART: Final = 0.99
 ACTED_LOSS: Final = 0.6
 ACTED_GAP_S: Final = 1.0
 
+#: Rows of flights: on these links, with these losses and gaps.
+ROWS: Final = len(LINKS) * len(TRAJECTORIES) + len(LOSSES) + len(GAPS_S)
+
+_Flown = TypeVar("_Flown")
 _SETTLE_S: Final = 12.0
 #: The default of 5 s ends one attempt in a hundred: what is said once a second may be lost five times.
 _PATIENT: Final = "supervisor.step_timeout_s=20"
@@ -141,10 +146,19 @@ def gives_up(gap_s: float, seed: int) -> bool:
     return gave_up or flight.run(1.0, until=lambda: not _tracking(flight))
 
 
-def measure(flights: int, seconds: float) -> dict[str, Any]:
-    """All of it, `flights` of each kind on all cores; what each row says stands in `rows`."""
+def measure(flights: int, seconds: float, step: Callable[[], object] = lambda: None) -> dict[str, Any]:
+    """All of it, `flights` of each kind on all cores; what each row says stands in `rows`.
+
+    `step` is called after each of `ROWS`.
+    """
     seeds = range(flights)
-    with ProcessPoolExecutor() as pool:
+
+    def done(jobs: list[Future[_Flown]]) -> list[_Flown]:
+        found = [job.result() for job in jobs]
+        step()
+        return found
+
+    with workers() as pool:
         tracked = {
             (way, name): [pool.submit(track, TRAJECTORIES[name], LINKS[way], s, seconds) for s in seeds]
             for way in LINKS
@@ -152,11 +166,9 @@ def measure(flights: int, seconds: float) -> dict[str, Any]:
         }
         watched = {loss: [pool.submit(watch, loss, seed, seconds) for seed in seeds] for loss in LOSSES}
         gaps = {gap_s: [pool.submit(gives_up, gap_s, seed) for seed in seeds] for gap_s in GAPS_S}
-        tracking = [
-            _tracking_row(way, name, [job.result() for job in jobs]) for (way, name), jobs in tracked.items()
-        ]
-        losses = [_loss_row(loss, [job.result() for job in jobs]) for loss, jobs in watched.items()]
-        silences = [_gap_row(gap_s, [job.result() for job in jobs]) for gap_s, jobs in gaps.items()]
+        tracking = [_tracking_row(way, name, done(jobs)) for (way, name), jobs in tracked.items()]
+        losses = [_loss_row(loss, done(jobs)) for loss, jobs in watched.items()]
+        silences = [_gap_row(gap_s, done(jobs)) for gap_s, jobs in gaps.items()]
     met = all(row["met"] for row in (*tracking, *losses, *silences))
     conditions = {"flights": flights, "seconds": seconds, "loss_each_way": BORNE_LOSS}
     return {**conditions, "tracking": tracking, "losses": losses, "gaps": silences, "met": met}

@@ -13,7 +13,7 @@ import math
 import socket
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, TypedDict
 
@@ -66,20 +66,20 @@ class Round(NamedTuple):
     answered_us: list[float]
 
 
-def measure(rounds: int = ROUNDS) -> Report:
-    """All figures; takes about a minute."""
+def measure(rounds: int = ROUNDS, step: Callable[[], object] = lambda: None) -> Report:
+    """All figures; takes about a minute. `step` is called after each of two turns a round."""
     flown: dict[str, list[Round]] = {"idle": [], "loaded": []}
     notes: list[str] = []
     missing: set[str] = set()
     for number in range(rounds):
         for name in sorted(flown, reverse=bool(number % 2)):
-            if name in missing:
-                continue
             try:
-                flown[name].append(_fly_round(loaded=name == "loaded"))
+                if name not in missing:
+                    flown[name].append(_fly_round(loaded=name == "loaded"))
             except UnavailableError as reason:
                 missing.add(name)
                 notes.append(f"{name} not measured: {reason}")
+            step()
     return report({name: [] if name in missing else found for name, found in flown.items()}, notes)
 
 

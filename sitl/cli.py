@@ -5,19 +5,20 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import os
-import sys
 import time
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
+from guidance.completion import one_of
+from guidance.entry import enter, refused
 from sitl import paper as section_4
 from sitl.bench_cli import benchmarks
 from sitl.campaign.command import campaign
 from sitl.faults.command import faults
 from sitl.fuzzing.command import fuzz
+from sitl.models.files import NAMES
 from sitl.plant import PlantParameters
 from sitl.scenarios.command import scenarios
 from sitl.shell import ShellOptions, run
@@ -27,16 +28,28 @@ from sitl.vehicle.options import IDEAL
 
 app = typer.Typer(
     name="sitl",
-    help="Software in the loop: the built-in vehicle and what flies against it.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
 @app.callback()
 def sitl() -> None:
-    """Software in the loop: the built-in vehicle and what flies against it."""
+    """Software in the loop: the built-in vehicle and what flies against it.
+
+    Examples:
+
+    \b
+    sitl vehicle --firmware px4-uuv --to 127.0.0.1:14540    a vehicle to fly
+    sitl scenarios --profile px4-rover                      what a profile reaches
+    sitl faults --only reboot                               what fails, and how it ends
+    sitl campaign --flights 100000                          does the law converge?
+    sitl fuzz --inputs 10000                                hostile input
+    sitl paper --figure 1                                   the paper's figures
+    sitl bench loop                                         how fast this machine is
+    """
 
 
 app.add_typer(benchmarks, name="bench")
@@ -54,6 +67,7 @@ def vehicle(
             metavar="NAME|FILE.toml",
             help="The body: ideal, uuv, rover, boat, airplane (_12 or _20 m/s), copter, jsbsim:c172p (J3Cub, "
             "t6texan2), or parameters in a file; default, one that fits the firmware.",
+            autocompletion=one_of(IDEAL, *NAMES),
         ),
     ] = None,
     firmware: Annotated[
@@ -139,7 +153,17 @@ def vehicle(
         bool, typer.Option("--exit-with-stdin", help="Exit when stdin closes (for a parent process).")
     ] = False,
 ) -> None:
-    """Run a MAVLink vehicle around a body, in real time, until SIGTERM or SIGINT."""
+    """Run a MAVLink vehicle around a body, in real time, until SIGTERM or Ctrl-C.
+
+    Exit status 0 when it was ended, 2 for options that do not fit or a port in use.
+
+    Examples:
+
+    \b
+    sitl vehicle --to 127.0.0.1:14540 --to 127.0.0.1:14550
+    sitl vehicle --model rover --noise --wind 3,-2 --to 127.0.0.1:14540
+    sitl vehicle --firmware ardupilot-plane --airborne --pty /tmp/autopilot
+    """
     try:
         if not 1e-3 <= truth_period < math.inf:
             raise ValueError(f"--truth-period must be at least 0.001 s, not {truth_period}")
@@ -181,8 +205,7 @@ def vehicle(
         )
         asyncio.run(run(shell_options, vehicle_options))
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"sitl vehicle: {error}\n")
-        raise typer.Exit(2) from None
+        raise refused("sitl vehicle", error) from None
 
 
 @app.command()
@@ -200,7 +223,16 @@ def paper(
     step: Annotated[float, typer.Option(help="Longest step of the integration, s.")] = section_4.STEP_S,
     sample: Annotated[float, typer.Option(help="Time between the points given, s.")] = section_4.SAMPLE_S,
 ) -> None:
-    """Reproduce figures 1 to 4 of the paper: the law in continuous time, as plots and as numbers."""
+    """Reproduce figures 1 to 4 of the paper: the law in continuous time, as plots and as numbers.
+
+    Exit status 0 when they are made, 2 for a wrong option or a file that cannot be.
+
+    Examples:
+
+    \b
+    sitl paper --output figures
+    sitl paper --figure 3 --json
+    """
     numbers = list(section_4.FIGURES) if figure is None else [figure]
     try:
         for number in numbers:
@@ -214,39 +246,16 @@ def paper(
                 for path in write(report, Path() if output is None else output):
                     typer.echo(path, err=as_json)
     except ModuleNotFoundError as error:
-        sys.stderr.write(f"sitl paper: plots need {error.name}, of the extra se3-guidance[sitl]\n")
-        raise typer.Exit(2) from None
+        raise refused("sitl paper", f"plots need {error.name}, of the extra se3-guidance[sitl]") from None
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"sitl paper: {error}\n")
-        raise typer.Exit(2) from None
+        raise refused("sitl paper", error) from None
     if as_json:
         typer.echo(json.dumps(reports if figure is None else reports[0]))
 
 
 def main() -> None:
-    """Entry point of the console script; a wrong option is one line on stderr and exit status 2.
-
-    What fails later, such as a full disk under stdout, is one line and exit status 1.
-    """
-    usage_error = cast(type[Exception], typer.BadParameter.__bases__[0])
-    try:
-        status = app(standalone_mode=False)
-        sys.stdout.flush()
-    except usage_error as error:
-        message = getattr(error, "format_message", error.__str__)()
-        if message:
-            sys.stderr.write(f"sitl: {message}\n")
-        status = 2
-    except typer.Abort:
-        status = 130
-    except OSError as error:
-        sys.stderr.write(f"sitl: {error}\n")
-        status = 1
-        try:
-            sys.stdout.flush()
-        except OSError:  # and once more when the interpreter ends, unless it goes elsewhere
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    sys.exit(status if isinstance(status, int) else 0)
+    """Entry point of the console script."""
+    enter(app, "sitl")
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -267,7 +267,18 @@ def is_zenoh_key(text: str) -> bool:
     topic = re.sub(r"^(guidance/(<vehicle>|\*))?/", "", text)
     if text.removeprefix("application/json;") in ENCODINGS or text in ("<vehicle>", "?history=180", "_raw"):
         return True
-    known = {*TOPICS.values(), "", "*", "<topic>", "alive", "tf", "log", "NAME/...", "vehicle/...", "reference/..."}
+    known = {
+        *TOPICS.values(),
+        "",
+        "*",
+        "<topic>",
+        "alive",
+        "tf",
+        "log",
+        "NAME/...",
+        "vehicle/...",
+        "reference/...",
+    }
     return topic != text and (topic in known or bool(re.fullmatch(r"command/(\.\.\.|[a-z]+)", topic)))
 
 

@@ -111,7 +111,7 @@ def test_without_mavsdk_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatc
 def test_the_command_prints_a_table_or_one_object_and_tells_by_its_status(
     theirs: float | None, status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def measured(rounds: int) -> Any:
+    def measured(rounds: int, step: object) -> Any:
         assert rounds == 4
         return report_of(50.0, theirs)
 

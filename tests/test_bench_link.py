@@ -95,7 +95,7 @@ def measured(
     gave_up: bool = True,
 ) -> tuple[int, dict[str, Any]]:
     """Exit status and report of the command, where all flights are these."""
-    monkeypatch.setattr(bench_link, "ProcessPoolExecutor", Now)
+    monkeypatch.setattr(bench_link, "workers", Now)
     monkeypatch.setattr(bench_link, "track", lambda *_: flown)
     monkeypatch.setattr(bench_link, "watch", lambda loss, *_: borne if loss < 0.5 else acted)
     monkeypatch.setattr(bench_link, "gives_up", lambda gap_s, _: gave_up and gap_s > 0.5)

@@ -200,7 +200,7 @@ def test_a_stdout_that_fails_takes_no_results_with_it(
     ["paper --figure 1 --json", "bench --json", "campaign --flights 1 --duration 1 --json"],
 )
 def test_a_full_disk_under_stdout_is_one_line_and_status_1(arguments: str) -> None:
-    code = "from sitl import bench, cli; bench.run = lambda: []; cli.main()"
+    code = "from sitl import bench, cli; bench.run = lambda step: []; cli.main()"
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-c", code, *arguments.split()],

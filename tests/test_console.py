@@ -11,6 +11,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from guidance.entry import complain
+from guidance.journal import say
 from guidance.records import Event, Level, Record, Status
 from guidance.telemetry import Sample
 from guidance.telemetry.console import Console
@@ -62,22 +64,67 @@ def test_a_text_of_several_lines_is_one_line() -> None:
     assert line.endswith("it failed: at line 3")
 
 
+#: syslog's, as sd-daemon(3) has them.
+PRIORITIES = {
+    Level.CRITICAL: 2,
+    Level.ERROR: 3,
+    Level.WARNING: 4,
+    Level.NOTICE: 5,
+    Level.INFO: 6,
+}
+
+
+@pytest.mark.parametrize("level", Level)
 @pytest.mark.parametrize("same", [True, False])
 def test_priorities_are_for_the_journal_only(
-    same: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    same: bool, level: Level, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The variable is inherited by processes whose stderr goes elsewhere."""
     with (tmp_path / "stderr").open("w+") as stream:
         status = os.fstat(stream.fileno())
         monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino + (not same)}")
         console = Console(0, stream=stream)
-        console.offer(event("lost", Level.ERROR))
+        console.offer(event("lost", level))
         console.start()
         assert console.close(PATIENCE_S)
         stream.seek(0)
         line = stream.read()
-    assert (line == "<3>lost\n") is same
-    assert "lost" in line
+    assert (line == f"<{PRIORITIES[level]}>lost\n") is same
+    assert bool(re.fullmatch(rf"[\d:.]+ {level} +lost\n", line)) is not same
+
+
+def test_whatever_is_said_has_its_priority_in_the_journal_line_by_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (tmp_path / "stderr").open("w+") as stream:
+        status = os.fstat(stream.fileno())
+        monkeypatch.setattr("sys.stderr", stream)
+        complain("guidance", "at a terminal")
+        monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
+        complain("guidance", "law.k = 0: must be more")
+        say(Level.CRITICAL, "internal error\nTraceback:\n")
+        stream.seek(0)
+        assert stream.read().splitlines() == [
+            "guidance: at a terminal",
+            "<3>guidance: law.k = 0: must be more",
+            "<2>internal error",
+            "<2>Traceback:",
+        ]
+
+
+def test_lines_that_were_lost_are_a_warning_in_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (tmp_path / "stderr").open("w+") as stream:
+        status = os.fstat(stream.fileno())
+        monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
+        console = Console(0, stream=stream)
+        for number in range(1001):
+            console.offer(event(f"line {number}"))
+        console.start()
+        assert not console.close(PATIENCE_S)
+        stream.seek(0)
+        assert stream.readline() == "<4>(1 lines lost)\n"
 
 
 def test_a_pipe_whose_reader_has_gone_is_a_problem_and_no_crash() -> None:

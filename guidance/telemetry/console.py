@@ -5,26 +5,17 @@ A sink like the others, because a terminal that scrolls or a pipe that nobody re
 
 from __future__ import annotations
 
-import os
 import sys
 import time
-from typing import Final, TextIO
+from typing import TextIO
 
 import msgspec
 
+from guidance.journal import is_journal, marked
 from guidance.printable import printable
 from guidance.records import Event, Level
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.worker import ThreadedSink
-
-#: syslog's priorities, as journald reads them from the start of a line.
-_PRIORITY: Final = {
-    Level.INFO: 6,
-    Level.NOTICE: 5,
-    Level.WARNING: 4,
-    Level.ERROR: 3,
-    Level.CRITICAL: 2,
-}
 
 
 class Console(ThreadedSink):
@@ -34,7 +25,7 @@ class Console(ThreadedSink):
         super().__init__("console", capacity=1000, capacity_bytes=1 << 20)
         self._unix_offset_ns = unix_offset_ns
         self._stream = sys.stderr if stream is None else stream
-        self._journal = _is_journal(self._stream)
+        self._journal = is_journal(self._stream)
         self._decode = msgspec.json.Decoder(Event).decode
 
     def offer(self, sample: Sample) -> None:
@@ -44,11 +35,12 @@ class Console(ThreadedSink):
 
     def _take(self, lost: int, sample: Sample) -> None:
         if lost:
-            self._print(f"({lost} lines lost)")
+            text = f"({lost} lines lost)"
+            self._print(marked(Level.WARNING, text) if self._journal else text)
         event = self._decode(sample.payload)
         text = printable(event.text)
         if self._journal:
-            self._print(f"<{_PRIORITY[event.level]}>{text}")
+            self._print(marked(event.level, text))
         else:
             seconds, ns = divmod(event.t_ns + self._unix_offset_ns, 1_000_000_000)
             clock = time.strftime("%H:%M:%S", time.localtime(seconds))
@@ -72,12 +64,3 @@ class Console(ThreadedSink):
             self._trouble = f"cannot write to stderr: {getattr(error, 'strerror', None) or error}"
         else:
             self._trouble = ""
-
-
-def _is_journal(stream: TextIO) -> bool:
-    """Whether systemd connected this very stream to its journal; the variable is inherited by others too."""
-    try:
-        status = os.fstat(stream.fileno())
-    except (OSError, ValueError):
-        return False
-    return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -15,7 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from guidance.completion import one_of
+from guidance.entry import refused
+from guidance.progress import Steps
+from guidance.tuning import ALLOCATIONS
 
 if TYPE_CHECKING:  # numpy and numba are slow to import, and of an extra: only a campaign waits for them
     from sitl.campaign.plan import Plan
@@ -32,7 +35,10 @@ def campaign(
     context: typer.Context,
     preset: Annotated[
         str | None,
-        typer.Option(help="A named set of campaigns instead of the options: table, rover, airplane."),
+        typer.Option(
+            help="A named set of campaigns instead of the options: table, rover, airplane.",
+            autocompletion=one_of("table", "rover", "airplane"),
+        ),
     ] = None,
     plan: Annotated[
         Path | None,
@@ -43,9 +49,14 @@ def campaign(
         typer.Option(help="How many; default 10,000, of the table 1,000,000 or a tenth, of vehicles 400."),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="The same seed gives the same numbers; default 0.")] = None,
-    law: Annotated[str | None, typer.Option(help="paper (default) or global.")] = None,
+    law: Annotated[
+        str | None, typer.Option(help="paper (default) or global.", autocompletion=one_of("paper", "global"))
+    ] = None,
     allocation: Annotated[
-        str | None, typer.Option(help="pitch-yaw (default), roll-pitch or roll-yaw.")
+        str | None,
+        typer.Option(
+            help="pitch-yaw (default), roll-pitch or roll-yaw.", autocompletion=one_of(*ALLOCATIONS)
+        ),
     ] = None,
     error_function: Annotated[
         str | None,
@@ -160,6 +171,15 @@ def campaign(
 
     Start, gains, limits, wind and delay are drawn for each flight from the ranges given. The defaults are
     section 4's gains and limits on its helix, with reverse, from rest in any attitude within 50 m.
+
+    Exit status 0 when it was flown, however many converge; 1 for a file that fails, 2 for a wrong option.
+
+    Examples:
+
+    \b
+    sitl campaign --flights 100000 --k 0.5:2 --wind 0:1
+    sitl campaign --trajectory circle,radius_m=10,speed_m_s=2 --planar --json
+    sitl campaign --preset rover --threads 4
     """
     given = {name: value for name, value in context.params.items() if value is not None and name not in _HOW}
     try:
@@ -168,11 +188,9 @@ def campaign(
         plans = _plans(preset, plan, given)
         _fly(plans, threads, output, plot, as_json)
     except ModuleNotFoundError as error:
-        sys.stderr.write(f"sitl campaign: needs {error.name}, of the extra se3-guidance[sitl]\n")
-        raise typer.Exit(2) from None
+        raise refused("sitl campaign", f"needs {error.name}, of the extra se3-guidance[sitl]") from None
     except ValueError as error:
-        sys.stderr.write(f"sitl campaign: {error}\n")
-        raise typer.Exit(2) from None
+        raise refused("sitl campaign", error) from None
 
 
 def _file(given: Path | None, default: str, endings: tuple[str, ...], as_json: bool) -> Path | None:
@@ -297,18 +315,7 @@ def _flown(plans: Sequence[AnyPlan], threads: int | None) -> tuple[list[Result],
 
     results = []
     started_s = time.perf_counter()
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    with bar:
-        for plan in plans:
-            task = bar.add_task(plan.name, total=plan.flights)
-            results.append(run(plan, threads, on_progress=partial(bar.advance, task)))
+    for plan in plans:
+        with Steps("sitl campaign", f"flights of {plan.name}", plan.flights) as steps:
+            results.append(run(plan, threads, on_progress=steps.advance))
     return results, time.perf_counter() - started_s

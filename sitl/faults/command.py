@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, Protocol, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import track
+
+from guidance.entry import refused
+from guidance.progress import stepped
 
 if TYPE_CHECKING:  # the service's core is slow to import: only who flies waits for it
     from rich.table import Table
@@ -43,16 +44,24 @@ def faults(
     """Let everything fail, in flight, and see that the outcome is the safe one.
 
     Flown on virtual time against the built-in vehicle, in less than a minute. Whatever fails, no setpoint may
-    be outside the limits, made of an old state, sent twice, or sent after a hand-over. Exit status 0 only if
-    every outcome is as expected. `--only` takes a profile's name, too.
+    be outside the limits, made of an old state, sent twice, or sent after a hand-over. `--only` takes a
+    profile's name, too.
+
+    Exit status 0 only if every outcome is as expected, 1 if one is not, 2 if no title holds TITLE.
+
+    Examples:
+
+    \b
+    sitl faults --list
+    sitl faults --only reboot --only "lost" --seed 3
+    sitl faults --real --json
     """
     try:
         rows, shown, words = (
             _real(only or [], list_only) if real else _flown(only or [], seed, list_only, ships)
         )
     except ValueError as error:
-        sys.stderr.write(f"sitl faults: {error}\n")
-        raise typer.Exit(2) from None
+        raise refused("sitl faults", error) from None
     passed = all(row["passed"] for row in rows if "passed" in row)
     if as_object:
         typer.echo(json.dumps({"passed": passed, "faults": rows}))
@@ -120,8 +129,6 @@ def _holds(row: _Titled, text: str) -> bool:
     return text.casefold() in row.title.casefold() or text == getattr(row, "firmware", "")
 
 
-def _watched(chosen: Sequence[_Row]) -> Iterable[_Row]:
-    """With a bar where somebody watches."""
-    console = Console(stderr=True)
-    hidden = not console.is_terminal
-    return track(chosen, "faults", console=console, transient=True, disable=hidden)
+def _watched(chosen: Sequence[_Row]) -> Iterator[_Row]:
+    """With what somebody who waits wants to know."""
+    return stepped("sitl faults", "faults", chosen, len(chosen))

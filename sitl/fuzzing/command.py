@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from guidance.completion import one_of
+from guidance.entry import refused
+from guidance.progress import Steps
 
 if TYPE_CHECKING:  # it imports the whole service and the built-in vehicle: only a run waits for them
     from sitl.fuzzing.run import Failure, Report
-
-#: Without a terminal, a line every so many seconds.
-_LINE_EVERY_S: Final = 30.0
 
 
 def fuzz(
     inputs: Annotated[int, typer.Option(min=1, help="How many, over all doors.")] = 100_000,
     seed: Annotated[int, typer.Option(help="The same seed gives the same inputs and outputs.")] = 1,
     door: Annotated[
-        str | None, typer.Option(help="bytes, messages, config, zenoh or logs; without it, all.")
+        str | None,
+        typer.Option(
+            help="bytes, messages, config, zenoh or logs; without it, all.",
+            autocompletion=one_of("bytes", "messages", "config", "zenoh", "logs"),
+        ),
     ] = None,
     episode: Annotated[
         int | None, typer.Option(min=0, help="Only this one of --door, in this process, to see it fail.")
@@ -33,23 +35,29 @@ def fuzz(
     """Throw hostile input at every door of the service, on virtual time, and see that it holds.
 
     Nothing may raise, hang, grow without bound, or send what it must not: setpoints outside the limits or in
-    a state without any, packets that pymavlink cannot read. Exit status 0 only if all of that holds.
+    a state without any, packets that pymavlink cannot read.
+
+    Exit status 0 only if all of that holds, 1 if something was found, 2 for a wrong option.
+
+    Examples:
+
+    \b
+    sitl fuzz --inputs 10000 --seed 7
+    sitl fuzz --door config --json
+    sitl fuzz --door bytes --seed 7 --episode 12
     """
     from sitl.fuzzing.run import DOORS, cores, run
 
     if door is not None and door not in DOORS:
-        sys.stderr.write(f"sitl fuzz: --door must be one of {', '.join(DOORS)}, not {door!r}\n")
-        raise typer.Exit(2)
+        raise refused("sitl fuzz", f"--door must be one of {', '.join(DOORS)}, not {door!r}")
     if episode is not None and door is None:
-        sys.stderr.write("sitl fuzz: --episode needs a --door\n")
-        raise typer.Exit(2)
+        raise refused("sitl fuzz", "--episode needs a --door")
     if door is not None and episode is not None:
         report = _alone(door, seed, episode)
     else:
         doors = [*DOORS] if door is None else [door]
-        progress = _Progress(inputs)
-        with progress:
-            report = run(doors, inputs, seed, processes or cores(), progress.advance)
+        with Steps("sitl fuzz", "inputs", inputs) as steps:
+            report = run(doors, inputs, seed, processes or cores(), lambda door, taken: steps.advance(taken))
     if as_json:
         typer.echo(json.dumps(_as_json(report, seed)))
     else:
@@ -64,43 +72,6 @@ def _alone(door: str, seed: int, number: int) -> Report:
     outcome = run_episode(Episode(door, seed, number, DOORS[door].inputs))
     failures = [] if outcome.failure is None else [outcome.failure]
     return Report({door: outcome.inputs}, time.monotonic() - begun_s, outcome.digest.hex()[:16], failures)
-
-
-class _Progress:
-    """A bar on a terminal; a line now and then elsewhere."""
-
-    def __init__(self, inputs: int) -> None:
-        console = Console(stderr=True)
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-        self._lines = not console.is_terminal
-        self._task = self._bar.add_task("inputs", total=inputs)
-        self._inputs, self._done = inputs, 0
-        self._begun_s = self._said_s = time.monotonic()
-
-    def __enter__(self) -> _Progress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def advance(self, door: str, inputs: int) -> None:
-        """So many more have been taken."""
-        self._done += inputs
-        now_s = time.monotonic()
-        rate = self._done / max(now_s - self._begun_s, 1e-3)
-        self._bar.update(self._task, advance=inputs, description=f"{rate:,.0f} inputs/s")
-        if self._lines and now_s - self._said_s >= _LINE_EVERY_S:
-            self._said_s = now_s
-            sys.stderr.write(f"sitl fuzz: {self._done:,} of {self._inputs:,} inputs, {rate:,.0f} a second\n")
 
 
 def _show(report: Report, seed: int) -> None:

@@ -14,7 +14,7 @@ import os
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Final, NamedTuple, Protocol
 
@@ -24,6 +24,7 @@ from sitl.fuzzing.link_doors import BytesDoor, MessagesDoor
 from sitl.fuzzing.logs_door import LogsDoor
 from sitl.fuzzing.oracle import Broken
 from sitl.fuzzing.zenoh_door import ZenohDoor
+from sitl.workers import workers
 
 #: An input that takes longer is a failure; an episode that does is ended, with the place where it hangs.
 SLOW_S: Final = 10.0
@@ -185,7 +186,7 @@ def run(
     digests: dict[tuple[str, int], bytes] = {}
     failures: list[Failure] = []
     waiting = episodes(doors, inputs, seed)
-    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with workers(processes, multiprocessing.get_context("spawn")) as pool:
         running: dict[Future[Outcome], Episode] = {}
         while len(failures) < failures_max:
             while len(running) < 2 * processes and (episode := next(waiting, None)) is not None:
@@ -202,7 +203,6 @@ def run(
                 done[episode.door] += outcome.inputs
                 digests[episode.door, episode.number] = outcome.digest
                 on_progress(episode.door, outcome.inputs)
-        pool.shutdown(cancel_futures=True)
     whole = hashlib.sha256(b"".join(hashlib.sha256(digests[key]).digest() for key in sorted(digests)))
     return Report(done, time.monotonic() - begun_s, whole.hexdigest()[:16], failures)
 

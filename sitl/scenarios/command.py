@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
+from guidance.completion import one_of
 from guidance.config import ConfigError
+from guidance.entry import refused
+from guidance.mavlink.profiles import PROFILES
+from guidance.progress import stepped
 from sitl.scenarios import airplane, copter, jsbsim, px4_rover, rover
 from sitl.scenarios.flight import DEPLOY
 from sitl.scenarios.table import AS_IT_IS, Result, Row, Variation, fly_row, in_words
+from sitl.workers import workers
 
 #: Each class's rows.
 ROWS: Final = (rover.rows, px4_rover.rows, airplane.rows, jsbsim.rows, copter.rows)
@@ -27,7 +30,9 @@ def every_row(directory: Path = DEPLOY) -> list[Row]:
 
 
 def scenarios(
-    profile: Annotated[str, typer.Option(help="Only rows of this profile.")] = "",
+    profile: Annotated[
+        str, typer.Option(help="Only rows of this profile.", autocompletion=one_of(*PROFILES))
+    ] = "",
     task: Annotated[
         str, typer.Option(metavar="TEXT", help="Only rows whose task has this in its name.")
     ] = "",
@@ -41,23 +46,29 @@ def scenarios(
 ) -> None:
     """Fly every profile's tasks, the whole service against the built-in vehicle with an estimator's noise.
 
-    Exit status 1 if a figure is beyond its limit.
+    Exit status 0 if every figure is within its limit, 1 if one is not, 2 for a wrong option.
+
+    Examples:
+
+    \b
+    sitl scenarios --profile ardupilot-rover --plain
+    sitl scenarios --task circle --seeds 10 --json
     """
     try:
         rows = every_row(configurations)
     except ConfigError as error:
-        typer.echo(f"sitl scenarios: {error}", err=True)
-        raise typer.Exit(2) from None
+        raise refused("sitl scenarios", error) from None
+    if as_json and markdown:
+        raise refused("sitl scenarios", "--json and --markdown are two forms of one table: choose one")
     wanted = [row for row in rows if profile in ("", row.task.profile) and task in row.name]
     if not wanted:
         names = ", ".join(sorted({row.task.profile for row in rows}))
-        typer.echo(f"sitl scenarios: no such row; profiles are {names}", err=True)
-        raise typer.Exit(2)
+        raise refused("sitl scenarios", f"no such row; profiles are {names}")
     jobs = [(row, each) for row in wanted for each in ((AS_IT_IS,) if plain else row.variations)]
     found: list[Result] = []
     if markdown:
         typer.echo("| profile | task | figures / limits |\n| --- | --- | --- |")
-    for result in flown(jobs, seeds, configurations):
+    for result in stepped("sitl scenarios", "rows", flown(jobs, seeds, configurations), len(jobs)):
         found.append(result)
         if not as_json:
             typer.echo(_line(result, markdown=markdown))
@@ -69,7 +80,7 @@ def scenarios(
 
 def flown(jobs: list[tuple[Row, Variation]], seeds: int, directory: Path) -> Iterator[Result]:
     """Each row in its turn, on all cores."""
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with workers() as pool:
         futures = [pool.submit(fly_row, row, variation, seeds, directory) for row, variation in jobs]
         yield from (future.result() for future in futures)
 

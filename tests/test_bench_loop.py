@@ -135,7 +135,7 @@ def test_the_computing_sink_writes_all_that_it_is_given_time_for() -> None:
 def test_the_command_prints_a_table_or_one_object_and_tells_by_its_status(
     loaded_us: float, status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def measured(rounds: int, step: object) -> Report:
+    def measured(rounds: int, step: object = None) -> Report:
         assert rounds == 4
         return report({"idle": lateness(100.0), "loaded": lateness(loaded_us)}, [])
 

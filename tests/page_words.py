@@ -71,6 +71,7 @@ OTHERS: Final = frozenset(
     [
         *(
             "venv",
+            "NO_COLOR",
             "python3 -m venv .venv && .venv/bin/pip install .",
             "tmux",
             "screen",
@@ -240,6 +241,8 @@ def is_short_key(text: str) -> bool:
 def is_option(text: str) -> bool:
     """`--option`, perhaps with a value, of some command."""
     option, _, _ = text.partition(" ")
+    if option in ("-h", "--help", "--install-completion", "--show-completion"):
+        return True
     return any(
         option in parameter.opts
         for program in PROGRAMS.values()

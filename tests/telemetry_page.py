@@ -139,7 +139,7 @@ def nested(cls: type[msgspec.Struct]) -> list[type[msgspec.Struct]]:
 
 def topics() -> Iterator[str]:
     """Every key, what is on it and when."""
-    yield row(("zenoh key", "schema", "when"))
+    yield row(("on zenoh", "schema", "when"))
     yield row(["---"] * 3)
     for topic, record in RECORDS.items():
         if topic not in LOG_ONLY:
@@ -164,7 +164,7 @@ def record_section(topic: str, record: type[Record]) -> Iterator[str]:
 
 def orders() -> Iterator[str]:
     """Every order: its key, payload and meaning, and the answer."""
-    yield row(("zenoh key", "payload, beside id and source", "meaning"))
+    yield row(("on zenoh", "payload, beside id and source", "meaning"))
     yield row(["---"] * 3)
     for verb, order in VERBS.items():
         described = types.type_info(order)

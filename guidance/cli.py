@@ -16,6 +16,7 @@ from guidance.command_cli import command
 from guidance.dashboard_cli import dashboard
 from guidance.demo_cli import demo
 from guidance.network_options import Connect, Listen, ZenohFile
+from guidance.report_cli import report
 from guidance.tune_cli import tune
 
 _ROOT_HELP = """Guidance of forward-driven vehicles on SE(3) over MAVLink.
@@ -31,6 +32,7 @@ guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
 guidance dashboard --open                           the same in a browser
 guidance command uuv-1 engage                       an order, answered
 guidance tune --config vehicle.toml                 steps, and gains from them
+guidance report logs/FLIGHT.mcap                    what was flown, as HTML
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
 """
 
@@ -285,6 +287,7 @@ def check(
 app.command("command")(command)
 app.command("dashboard")(dashboard)
 app.command("tune")(tune)
+app.command("report")(report)
 
 
 def main() -> None:

@@ -34,6 +34,13 @@ class ReplayError(Exception):
     """The log cannot be replayed; the text says why."""
 
 
+class _Wrote(msgspec.Struct):
+    """What every version's session record says."""
+
+    schema_version: int
+    guidance_version: str
+
+
 class Difference(NamedTuple):
     """The first thing that came out otherwise: when (s after the first input), topic, field, both values."""
 
@@ -142,21 +149,29 @@ def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
         yield "", str(error).encode()
 
 
-def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Config:
+def session_of(path: Path, lines: Iterator[tuple[str, bytes]]) -> Session:
+    """The run's first record; ReplayError if it is none, or of another schema."""
     for topic, payload in lines:
         if topic == TOPICS[Session]:
             try:
-                session = msgspec.json.decode(payload, type=Session)
-                if session.schema_version != SCHEMA_VERSION:
+                wrote = msgspec.json.decode(payload, type=_Wrote)
+                if wrote.schema_version != SCHEMA_VERSION:
                     raise ReplayError(
-                        f"{path}: its records have schema version {session.schema_version}, not "
-                        f"{SCHEMA_VERSION}: use guidance {session.guidance_version}, which wrote it"
+                        f"{path}: its records have schema version {wrote.schema_version}, not "
+                        f"{SCHEMA_VERSION}: use guidance {wrote.guidance_version}, which wrote it"
                     )
-                return config.from_json(session.config_json)
-            except (*NOT_A_RECORD, config.ConfigError) as error:
+                return msgspec.json.decode(payload, type=Session)
+            except NOT_A_RECORD as error:
                 raise ReplayError(f"{path}: its session record cannot be used: {error}") from None
         break
     raise ReplayError(f"{path}: does not begin with a session record; is it a log of this service?")
+
+
+def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Config:
+    try:
+        return config.from_json(session_of(path, lines).config_json)
+    except config.ConfigError as error:
+        raise ReplayError(f"{path}: its session record cannot be used: {error}") from None
 
 
 def _without_hash(packet: Packet) -> Packet:

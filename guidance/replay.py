@@ -72,12 +72,14 @@ class Replay(NamedTuple):
         return self.difference is None and not self.stopped and self.tracked > 0
 
 
-def replay(path: Path) -> Replay:
+def replay(path: Path, tolerance: float = 0.0) -> Replay:
     """Feed the log's inputs to the core and compare; raises ReplayError, NotALog.
+
+    Fractions in the records may differ by `tolerance`; all else, and every packet, is compared exactly.
 
     Of a run whose log went on in further files any one may be given: all are replayed, from the first on.
     """
-    lines = _lines(path)
+    lines = lines_of(path)
     settings = _configuration(path, lines)
     signed = bool(settings.link.signing_key_file)
     guide = Guide(settings, Signing(None, settings.link.signing_link_id) if signed else None)
@@ -125,7 +127,7 @@ def replay(path: Path) -> Replay:
             if signed and topic == TOPICS[Packet]:
                 with suppress(*NOT_A_RECORD):  # then it differs as it is
                     payload = encode(_without_hash(decode_packet(payload)))
-            if expected != (topic, payload):
+            if expected != (topic, payload) and not _within(tolerance, (topic, payload), expected):
                 difference = _difference((topic, payload), expected, time_s)
                 break
             compared += 1
@@ -139,7 +141,7 @@ def replay(path: Path) -> Replay:
     return Replay(inputs, compared, setpoints, tracked, (last_ns - first_ns) * 1e-9, difference, stopped)
 
 
-def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
+def lines_of(path: Path) -> Iterator[tuple[str, bytes]]:
     """The run's messages; an early or damaged end becomes a last line without a topic that says so."""
     try:
         yield from read_run(path)
@@ -176,6 +178,26 @@ def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Con
 
 def _without_hash(packet: Packet) -> Packet:
     return replace(packet, data=without_hash(packet.data))
+
+
+def _within(tolerance: float, logged: tuple[str, bytes], replayed: tuple[str, bytes]) -> bool:
+    """Whether two records differ by no more than the tolerance, and in nothing that is not a fraction."""
+    if tolerance == 0.0 or logged[0] != replayed[0]:
+        return False
+    try:
+        return _near(tolerance, msgspec.json.decode(logged[1]), msgspec.json.decode(replayed[1]))
+    except NOT_A_RECORD:
+        return False
+
+
+def _near(tolerance: float, one: Any, other: Any) -> bool:
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_near(tolerance, one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_near, [tolerance] * len(one), one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return abs(one - other) <= tolerance
+    return type(one) is type(other) and bool(one == other)
 
 
 def _missing(line: tuple[str, bytes], time_s: float, *, logged: bool) -> Difference:

@@ -10,6 +10,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from guidance.report import looks
 from guidance.report.columns import Floats
 from guidance.report.panels import Section
@@ -85,8 +87,14 @@ def plan_chart(paths: Sequence[Path3], fence: Floats | None) -> Chart:
     data += _drawn(paths, space=False)
     layout = _layout(520)
     layout |= {
-        "xaxis": {**_axis("east, m"), "constrain": "domain"},
-        "yaxis": {**_axis("north, m"), "scaleanchor": "x", "scaleratio": 1.0, "constrain": "domain"},
+        "xaxis": {**_axis("east, m"), "constrain": "domain", "range": _room(paths, fence, 0)},
+        "yaxis": {
+            **_axis("north, m"),
+            "range": _room(paths, fence, 1),
+            "scaleanchor": "x",
+            "scaleratio": 1.0,
+            "constrain": "domain",
+        },
         "hovermode": "closest",
     }
     return {"data": data, "layout": layout}
@@ -96,7 +104,7 @@ def space_chart(paths: Sequence[Path3], fence: Floats | None) -> Chart:
     """The same in space, to be turned."""
     data = _drawn(paths, space=True)
     if fence is not None and paths:
-        heights = [float(path.flown[:, 2][path.flown[:, 2] == path.flown[:, 2]].min()) for path in paths]
+        heights = [float(np.nanmin(path.flown[:, 2])) for path in paths]
         line = {"color": looks.FENCE, "width": 3, "dash": "dash"}
         up = [min(heights)] * len(fence)
         data.append(
@@ -241,6 +249,15 @@ def _layout(height_px: int) -> Chart:
 
 def _axis(title: str) -> Chart:
     return {"title": {"text": title, "standoff": 8}, "zeroline": False, "ticks": "outside", "ticklen": 4}
+
+
+def _room(paths: Sequence[Path3], fence: Floats | None, axis: int) -> list[float]:
+    """From the least to the most of a coordinate, with a margin."""
+    shown = [path.reference[:, axis] for path in paths] + [path.flown[:, axis] for path in paths]
+    values = np.concatenate(shown if fence is None else [*shown, fence[:, axis]])
+    least, most = (float(v) for v in (np.nanmin(values), np.nanmax(values))) if len(values) else (-1.0, 1.0)
+    margin = 0.06 * max(most - least, 1.0)
+    return [least - margin, most + margin]
 
 
 def _domain(place: int, count: int, between: float) -> tuple[float, float]:

@@ -21,7 +21,12 @@
     }
     return made;
   };
-  const options = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] };
+  // What was flown is nobody else's business: plotly.js would offer to upload it.
+  const options = {
+    responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: "",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d", "tableRotation",
+      "resetCameraLastSave3d"],
+  };
   const draw = () => {
     for (const [name, chart] of Object.entries(charts)) {
       Plotly.react(document.getElementById(name), chart.data, painted(chart.layout), options);

@@ -1,4 +1,4 @@
-"""One HTML file that needs nothing else: plotly.js is written into it once, and it asks no one for anything."""
+"""One HTML file that needs nothing else: plotly.js is written into it once."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _head(shown: Sequence[Shown]) -> str:
     what = f"{len(shown)} flights of" if len(shown) > 1 else "Flight of"
     made = [f"<h1>{what} {tables.text(', '.join(names))}</h1>"]
     made += [
-        f'<p class="warning">Incomplete: {tables.text(one.flight.incomplete)}. The report is of what was read.</p>'
+        f'<p class="warning">Incomplete: {tables.text(one.flight.incomplete)}. The report is of the rest.</p>'
         for one in shown
         if one.flight.incomplete
     ]

@@ -104,6 +104,8 @@ def _errors(shown: Sequence[Shown]) -> Section:
         track = along_cross_up(columns.error_ned_m[rows], columns.reference_velocity_ned_m_s[rows])
         for panel, y in zip(panels, (columns.norm_m[rows], *track.T), strict=True):
             panel.lines.append(_line(one.label, x, y, i))
+    if not any(line.y.any() for line in panels[-1].lines):  # it moves in the plane
+        panels.pop()
     return Section(
         "error", "Error", "Position minus reference, at the instant that each setpoint acts.", panels
     )
@@ -222,9 +224,9 @@ def _each_second(x: Floats, flags: Floats) -> tuple[Floats, Floats]:
     known = np.isfinite(flags)
     second = np.floor(x[known] / _SATURATION_S).astype(np.int64)
     which, first, count = np.unique(second, return_index=True, return_counts=True)
-    part: Floats = np.empty(0)
+    part = np.zeros(len(which))
     if len(first):
-        part = np.asarray(100.0 * np.add.reduceat(flags[known], first) / count, dtype=np.float64)
+        part[:] = 100.0 * np.add.reduceat(flags[known], first) / count
     middle: Floats = (which + 0.5) * _SATURATION_S
     return middle, part
 
@@ -249,10 +251,11 @@ def _histograms(shown: Sequence[Shown]) -> Section:
         )
         edges = np.linspace(0.0, most_ms, _BINS + 1)
         each = [np.histogram(np.minimum(values, most_ms), edges)[0].astype(np.float64) for values in known]
-        panels.append(_histogram(title, f"{title}, ms", shown, [(edges, counts) for counts in each]))
+        bars = [(edges, counts) for counts in each]
+        panels.append(_histogram(title, f"{title}, ms", shown, bars))
     caption = (
-        "Parts of all samples on a logarithmic scale, so that what is rare shows; the last bar also holds all that is "
-        "larger. Lateness is of the whole run, the round trip that of TIMESYNC."
+        "Parts of all samples on a logarithmic scale, so that what is rare shows; the last bar also holds "
+        "all that is larger. Lateness is of the whole run, the round trip that of TIMESYNC."
     )
     return Section(
         "timing", "Loop timing and link quality", caption, [p for p in panels if p.lines], columns=3

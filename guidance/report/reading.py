@@ -52,7 +52,7 @@ def read_all(
 
 
 def labels_of(flights: Sequence[Flight]) -> list[str]:
-    """The vehicle's name for a single flight; for several the files' names where they are short, else letters."""
+    """The vehicle's name for one flight; for several the files' names where they are short, else letters."""
     if len(flights) == 1:
         return [flights[0].session.vehicle]
     names = [flight.path.stem for flight in flights]

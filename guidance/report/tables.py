@@ -35,7 +35,8 @@ def figures_table(flights: Sequence[Shown]) -> str:
             )
             body.append(f'<tr><th>{text(row.label)}</th>{cells}<td class="unit">{row.unit}</td></tr>')
     head = "".join(rows[0])
-    return f'<div class="wide"><table id="figures"><thead>{head}</thead><tbody>{"".join(body)}</tbody></table></div>'
+    table = f'<table id="figures"><thead>{head}</thead><tbody>{"".join(body)}</tbody></table>'
+    return f'<div class="wide">{table}</div>'
 
 
 def stretches(flights: Sequence[Shown]) -> list[tuple[str, Figures]]:
@@ -84,11 +85,27 @@ def settings_tables(flights: Sequence[Shown]) -> str:
     if len(flights) > 1:
         made.append("<h3>What differs between the logs</h3>")
         made.append(
-            _settings(differing, labels) if differing else "<p>Nothing: all flew the same configuration.</p>"
+            settings_table(differing, labels)
+            if differing
+            else "<p>Nothing: all flew the same configuration.</p>"
         )
-    made.append(_details(f"Not at its default ({len(changed)} keys)", _settings(changed, labels)))
-    made.append(_details(f"The whole configuration ({len(settings)} keys)", _settings(settings, labels)))
+    made.append(_details(f"Not at its default ({len(changed)} keys)", settings_table(changed, labels)))
+    made.append(_details(f"The whole configuration ({len(settings)} keys)", settings_table(settings, labels)))
     return "".join(made)
+
+
+def settings_table(settings: Iterable[Setting], labels: Sequence[str]) -> str:
+    """One row for each key: its value in each of the configurations, and its default."""
+    head = (
+        "<tr><th>key</th>" + "".join(f"<th>{text(label)}</th>" for label in labels) + "<th>default</th></tr>"
+    )
+    body = "".join(
+        f'<tr{" class=differs" if setting.differs else ""}><td class="code">{text(setting.key)}</td>'
+        + "".join(f'<td class="code">{text(value)}</td>' for value in setting.values)
+        + f'<td class="code soft">{text(setting.default)}</td></tr>'
+        for setting in settings
+    )
+    return f'<div class="wide"><table><thead>{head}</thead><tbody>{body}</tbody></table></div>'
 
 
 def parameters_table(flight: Flight) -> str:
@@ -152,19 +169,6 @@ def _trajectory(flight: Flight) -> str:
             ": "
         )
     )
-
-
-def _settings(settings: Iterable[Setting], labels: Sequence[str]) -> str:
-    head = (
-        "<tr><th>key</th>" + "".join(f"<th>{text(label)}</th>" for label in labels) + "<th>default</th></tr>"
-    )
-    body = "".join(
-        f'<tr{" class=differs" if setting.differs else ""}><td class="code">{text(setting.key)}</td>'
-        + "".join(f'<td class="code">{text(value)}</td>' for value in setting.values)
-        + f'<td class="code soft">{text(setting.default)}</td></tr>'
-        for setting in settings
-    )
-    return f'<div class="wide"><table><thead>{head}</thead><tbody>{body}</tbody></table></div>'
 
 
 def _details(summary: str, inside: str) -> str:

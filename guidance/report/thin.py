@@ -11,9 +11,10 @@ from guidance.report.columns import Floats
 
 #: So many buckets for the width of a plot: about its pixels.
 BUCKETS: Final = 1200
-#: A line is broken where nothing came for so long, s, or for this part of all that is shown.
+#: A line is broken where nothing came for so long, s, for this part of all, or for so many usual steps.
 _GAP_S: Final = 0.5
 _GAP_PART: Final = 1.0 / 500.0
+_GAP_STEPS: Final = 3.0
 
 
 def thin(x: Floats, y: Floats, buckets: int = BUCKETS) -> tuple[Floats, Floats]:
@@ -23,7 +24,9 @@ def thin(x: Floats, y: Floats, buckets: int = BUCKETS) -> tuple[Floats, Floats]:
     """
     if not len(x):
         return x, y
-    gap_s = max(_GAP_S, (x[-1] - x[0]) * _GAP_PART)
+    gap_s = max(
+        _GAP_S, (x[-1] - x[0]) * _GAP_PART, _GAP_STEPS * float(np.median(np.diff(x))) if len(x) > 1 else 0.0
+    )
     parts = np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > gap_s) + 1)
     xs: list[Floats] = []
     ys: list[Floats] = []

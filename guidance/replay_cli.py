@@ -113,9 +113,8 @@ def _compare(
     except (NotALog, ReplayError, ConfigError) as error:
         raise refuse(error, 2) from None
     console = Console(stderr=as_json, soft_wrap=True, highlight=False, markup=False)
-    console.print(
-        f"{found.flight_s:.1f} s of log, {found.inputs} inputs; commands compared at {len(found.t_ns)} instants"
-    )
+    log_s, count = found.flight_s, len(found.t_ns)
+    console.print(f"{log_s:.1f} s of log, {found.inputs} inputs; commands compared at {count} instants")
     if found.stopped:
         console.print(f"stopped early: {found.stopped}")
     if found.refused:

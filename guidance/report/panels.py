@@ -210,7 +210,8 @@ def _saturation(shown: Sequence[Shown]) -> Section:
         columns, rows = one.flight.columns, rows_of(one.flight)
         x = one.flight.seconds(columns.sent_ns[rows])
         law = np.where(np.isfinite(columns.norm_m[rows]), columns.saturated[rows], np.nan)
-        panel.lines.append(_line(one.label, *_each_second(x, law), i))
+        name = one.label if len(shown) > 1 else "any"
+        panel.lines.append(_line(name, *_each_second(x, law), i))
         for n, (name, field) in enumerate(of_airplanes.items()):
             if field in columns.handling and len(shown) == 1:
                 line = _line(name, *_each_second(x, columns.handling[field][rows]), n + 1)

@@ -42,7 +42,7 @@ class Difference(NamedTuple):
 
 
 class Parting(NamedTuple):
-    """From here on one commands and the other does not, or both again: who stands where, and why."""
+    """From here on they stand in different states, or in the same again: which, and why."""
 
     at_s: float
     flown: str
@@ -221,7 +221,7 @@ class _Sides:
         self.other_status: Status | None = None
         self.saturated_flown = self.saturated_other = self.only_flown = self.only_other = 0
         self.partings: list[Parting] = []
-        self._together = True
+        self._standing = ("", "")
         self._begun_ns: int | None = None
 
     @property
@@ -229,6 +229,8 @@ class _Sides:
         """Why the other never commanded while the flown one did."""
         if self.t_ns or self.only_other or not self.only_flown:
             return ""
+        if not self.partings:
+            return "it stays silent; its events in a report of its own say why"
         first = self.partings[0]
         return f"{first.other}: {first.other_reason}" if first.other_reason else first.other
 
@@ -240,10 +242,11 @@ class _Sides:
             return
         if self._begun_ns is None:
             self._begun_ns = self.now_ns
-        together = flown is not None and other is not None
-        if together != self._together:
-            self._together = together
-            self._part((self.now_ns - self._begun_ns) * 1e-9)
+        standing = (_state(self.flown_status), _state(self.other_status))
+        if standing != self._standing:
+            self._standing = standing
+            if standing[0] != standing[1] or self.partings:
+                self._part((self.now_ns - self._begun_ns) * 1e-9)
         if flown is None:
             self.only_other += 1
         elif other is None:
@@ -263,12 +266,16 @@ class _Sides:
             self.partings.append(
                 Parting(
                     at_s,
-                    "" if flown is None else flown.state,
-                    "" if other is None else other.state,
+                    _state(flown),
+                    _state(other),
                     "" if flown is None else flown.reason,
                     "" if other is None else other.reason,
                 )
             )
+
+
+def _state(status: Status | None) -> str:
+    return "" if status is None else str(status.state)
 
 
 def _law(setpoint: Setpoint | None) -> Setpoint | None:

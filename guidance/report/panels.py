@@ -228,7 +228,7 @@ def _each_second(x: Floats, flags: Floats) -> tuple[Floats, Floats]:
     part = np.zeros(len(which))
     if len(first):
         part[:] = 100.0 * np.add.reduceat(flags[known], first) / count
-    middle: Floats = (which + 0.5) * _SATURATION_S
+    middle = np.asarray((which + 0.5) * _SATURATION_S, dtype=np.float64)
     return middle, part
 
 

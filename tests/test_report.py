@@ -1,0 +1,442 @@
+"""The report on flights made by hand: figures, page, images, and what it says of what is no flight."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib import image
+from mcap.writer import Writer
+from msgspec.structs import replace
+from typer.testing import CliRunner
+
+from guidance.cli import app
+from guidance.config import load
+from guidance.mavlink.profiles import Handling
+from guidance.records import Record
+from guidance.report.columns import Floats
+from guidance.report.flight import read_flight, stretches_of
+from guidance.report.judged import GROUPS, Figures, along_cross_up, judged, shown
+from guidance.report.panels import Shown, bank_pitch, nose, sections_of
+from guidance.report.reading import labels_of
+from guidance.report.settings import settings_of
+from guidance.report.thin import thin, thin_path
+from tests.flight_asset import ASSET
+from tests.hand_made_flight import PERIOD_NS, ZERO_NS, flown, log_of, status, with_session
+from tests.helpers import make_config
+
+#: 1 m off for two seconds, then 3 cm ahead, 4 cm right and 12 cm above: 13 cm.
+OFF_S = 2.0
+SECONDS = 14.0
+
+
+def track(t_s: float) -> tuple[float, float, float]:
+    return (-1.0, 0.0, 0.0) if t_s < OFF_S - 1e-9 else (0.03, 0.04, 0.12)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    records = flown(SECONDS, track, saturated=lambda t_s: 4.0 <= t_s < 7.5)
+    return log_of(tmp_path_factory.mktemp("logs"), make_config(), records)
+
+
+def figures_of(path: Path, converged_m: float = 0.2) -> list[Figures]:
+    flight = read_flight(path)
+    return [judged(flight, stretch, converged_m) for stretch in flight.stretches]
+
+
+def call(*arguments: str) -> tuple[int, str, str]:
+    """Exit status, stdout and stderr; anything but an orderly exit is raised."""
+    result = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+    return result.exit_code, result.stdout, result.stderr
+
+
+# Figures -------------------------------------------------------------------------------------------------
+
+
+def test_a_flight_made_by_hand_has_the_figures_that_it_was_made_with(log: Path) -> None:
+    (one,) = figures_of(log)
+    assert one.tracked_s == pytest.approx(SECONDS)
+    assert one.flown_m == pytest.approx(2.0 * SECONDS)
+    assert one.converged_s == pytest.approx(OFF_S)
+    # k = 1 per second and beta = 1: settled from 5 s after
+    settled = 7.0
+    assert one.settled_rms_m == pytest.approx(0.13)
+    assert one.settled_max_m == pytest.approx(0.13)
+    assert one.settled_p95_m == pytest.approx(0.13)
+    assert one.settled_along_rms_m == pytest.approx(0.03)
+    assert one.settled_cross_max_m == pytest.approx(0.04)
+    assert one.settled_vertical_p95_m == pytest.approx(0.12)
+    count = round(SECONDS * 50) + 1
+    early = round(OFF_S * 50)
+    assert one.all_rms_m == pytest.approx(((early * 1.0 + (count - early) * 0.13**2) / count) ** 0.5)
+    assert one.all_max_m == pytest.approx(1.0)
+    assert one.setpoints == count
+    assert one.setpoint_rate_hz == pytest.approx(50.0)
+    assert one.saturated_part == pytest.approx(3.5 * 50 / count)
+    assert one.settled_saturated_part == pytest.approx(25 / (count - round(settled * 50)))
+    assert (one.attitude_age_median_s, one.position_age_p95_s) == (0.04, 0.06)
+    assert (one.round_trip_median_s, one.round_trip_p95_s) == (0.03, 0.03)
+    assert one.packets_lost_part == pytest.approx(0.01)
+    assert one.loop_late_max_s == 0.004
+    assert one.waited_s is None
+
+
+def test_percentile_is_that_of_the_settled_samples(tmp_path: Path) -> None:
+    """Of a hundred settled samples 95 are 1 cm off and the rest 5 cm."""
+
+    def off(t_s: float) -> tuple[float, float, float]:
+        return 0.0, (0.05 if round(t_s * 50) % 20 == 7 else 0.01), 0.0
+
+    (one,) = figures_of(log_of(tmp_path, make_config(), flown(8.0, off)))
+    assert one.converged_s == 0.0
+    assert one.settled_p95_m == pytest.approx(0.01, abs=1e-12)
+    assert one.settled_max_m == pytest.approx(0.05)
+
+
+def test_never_converged_leaves_the_settled_figures_open(log: Path) -> None:
+    (one,) = figures_of(log, converged_m=0.1)
+    assert one.converged_s is None
+    assert one.settled_rms_m is None
+    assert one.settled_cross_p95_m is None
+    assert one.settled_saturated_part is None
+    assert one.all_max_m == pytest.approx(1.0)
+
+
+def test_a_silence_is_a_gap_and_a_hold_is_none(tmp_path: Path) -> None:
+    quiet = flown(6.0, track, silent=lambda t_s: 3.0 < t_s < 3.5)
+    (one,) = figures_of(log_of(tmp_path / "a", make_config(), quiet))
+    assert one.setpoint_gap_max_s == pytest.approx(0.5)
+    held_ns = ZERO_NS + 3_100_000_000
+    held = status("holding", held_ns, held_ns)
+    (one,) = figures_of(log_of(tmp_path / "b", make_config(), [*quiet[:-1], held, quiet[-1]]))
+    assert one.setpoint_gap_max_s == pytest.approx(0.02)
+
+
+def test_a_trajectory_that_begins_anew_is_another_flight(tmp_path: Path) -> None:
+    later: list[Record] = []
+    first = flown(6.0, track)
+    for record in flown(4.0, track):
+        later.append(replace(record, t_ns=record.t_ns + 10_000_000_000))
+    flight = read_flight(log_of(tmp_path, make_config(), [*first, *later]))
+    assert [stop - start for start, stop in flight.stretches] == [301, 201]
+    both = [judged(flight, stretch, 0.2) for stretch in flight.stretches]
+    assert [one.tracked_s for one in both] == [pytest.approx(6.0), pytest.approx(4.0)]
+
+
+def test_stretches_part_where_the_trajectory_goes_back_and_not_where_tracking_pauses() -> None:
+    tracked = np.array([False, True, True, False, True, True, True, False])
+    on_s = np.array([np.nan, 0.0, 1.0, np.nan, 5.0, 0.0, 0.1, np.nan])
+    assert stretches_of(on_s, tracked) == ((1, 5), (5, 7))
+    assert stretches_of(on_s, np.zeros(8, dtype=bool)) == ()
+
+
+def test_along_cross_and_up_are_level_by_the_course_and_keep_it_where_there_is_none() -> None:
+    error = np.array([[3.0, 4.0, -5.0]] * 4)
+    course = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, 2.0, 9.0], [0.0, 0.0, -1.0]])
+    expected = [[3.0, 4.0, 5.0], [3.0, 4.0, 5.0], [4.0, -3.0, 5.0], [4.0, -3.0, 5.0]]
+    assert along_cross_up(error, course) == pytest.approx(np.array(expected))
+    straight_up = along_cross_up(error[:1], np.array([[0.0, 0.0, -1.0]]))
+    assert straight_up == pytest.approx(np.array([[3.0, 4.0, 5.0]]))
+
+
+def test_a_setpoint_has_the_record_of_its_own_instant_or_none(tmp_path: Path) -> None:
+    """A lost state must not be replaced by the one before."""
+    records = flown(1.0, track)
+    at = [i for i, record in enumerate(records) if type(record).__name__ == "State"][10]
+    columns = read_flight(log_of(tmp_path, make_config(), records[:at] + records[at + 1 :])).columns
+    assert np.flatnonzero(np.isnan(columns.position_ned_m[:, 0])).tolist() == [10]
+    assert not np.isnan(columns.norm_m).any()
+    assert (np.diff(columns.sent_ns) == PERIOD_NS).all()
+    assert columns.sent_ns[0] == ZERO_NS
+
+
+def test_bank_pitch_and_nose_are_those_of_the_quaternion() -> None:
+    half = np.radians([40.0, 25.0]) / 2.0
+    bank = np.array([np.cos(half[0]), np.sin(half[0]), 0.0, 0.0])
+    pitch = np.array([np.cos(half[1]), 0.0, np.sin(half[1]), 0.0])
+    both = np.array([bank, pitch])
+    assert np.degrees(bank_pitch(both)) == pytest.approx(np.array([[40.0, 0.0], [0.0, 25.0]]))
+    assert nose(both)[1] == pytest.approx([np.cos(2 * half[1]), 0.0, -np.sin(2 * half[1])])
+
+
+def test_peaks_survive_the_thinning_and_gaps_break_the_line() -> None:
+    x = np.linspace(0.0, 1999.98, 100_000)
+    y = np.sin(x)
+    y[54_321], y[77_777] = 40.0, -30.0
+    few_x, few_y = thin(x, y, 500)
+    assert len(few_x) < 2500
+    assert (few_y.max(), few_y.min()) == (40.0, -30.0)
+    assert few_x[few_y.argmax()] == x[54_321]
+    assert (np.diff(few_x) >= 0.0).all()
+    gone = (x < 800.0) | (x > 900.0)
+    _, broken = thin(x[gone], y[gone], 500)
+    assert np.isnan(broken).sum() == 1
+    path = np.column_stack((np.cos(x), y, -x))
+    assert thin_path(path, 300)[:, 1].max() == 40.0
+    slow = np.linspace(0.0, 29.0, 30)
+    assert not np.isnan(thin(slow, slow)[1]).any()
+
+
+def test_settings_are_held_against_their_defaults_and_one_another() -> None:
+    found = {one.key: one for one in settings_of([make_config(), make_config("law.k=0.5")])}
+    assert found["law.k"].values == ("1.0", "0.5")
+    assert found["law.k"].differs
+    assert not found["law.k"].changed
+    assert found["ground.enabled"].changed
+    assert not found["link.rate_hz"].differs
+    assert found["trajectory.name"].values == ('"helix"', '"helix"')
+
+
+# The page ------------------------------------------------------------------------------------------------
+
+
+class _Page(HTMLParser):
+    """What a page would fetch, its JSON, the cells of its figures, and whether every element is closed."""
+
+    VOID = frozenset({"meta", "br", "hr", "img", "link", "input"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wanted: list[str] = []
+        self.json: dict[str, Any] = {}
+        self.cells: list[tuple[str, str]] = []
+        self.policy = ""
+        self.text = ""
+        self.open: list[str] = []
+        self._script = ""
+        self._key = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        self.wanted += [
+            value or ""
+            for key, value in attrs
+            if key in ("src", "href", "data", "action", "poster", "srcset")
+        ]
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if found.get("http-equiv") == "Content-Security-Policy":
+            self.policy = found["content"] or ""
+        self._script = (found.get("id") or "-") if tag == "script" else ""
+        self._key = found.get("data-key") or ""
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+        self._script = self._key = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._script in ("json", "charts"):
+            self.json[self._script] = json.loads(data)
+        elif self._key:
+            self.cells.append((self._key, data))
+        elif not self._script:
+            self.text += data
+
+
+def read_page(path: Path) -> tuple[str, _Page]:
+    text = path.read_text(encoding="utf-8")
+    page = _Page()
+    page.feed(text)
+    page.close()
+    assert page.open == []
+    return text, page
+
+
+@pytest.fixture(scope="module")
+def reported(log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The page of the flight made by hand, and what `--json` printed."""
+    output = tmp_path_factory.mktemp("page") / "flight.html"
+    status, out, err = call("report", str(log), "-o", str(output), "--json", "--converged", "0.2")
+    assert status == 0, err
+    assert str(output) in err
+    return output, json.loads(out)
+
+
+def test_the_page_asks_no_one_for_anything(reported: tuple[Path, dict[str, Any]]) -> None:
+    text, page = read_page(reported[0])
+    assert page.wanted == []
+    assert page.policy.startswith("default-src 'none'")
+    assert "http" not in page.policy
+    assert text.count("plotly.js v") == 1
+    ours = re.sub(r"<script>/\*\*.*?</script>", "", text, flags=re.DOTALL)
+    assert len(ours) < 1_000_000
+    assert not re.search(r"https?://|//cdn|@import|url\(", ours)
+    assert "showSendToCloud: false" in ours
+
+
+def test_the_pages_figures_are_those_of_the_json(reported: tuple[Path, dict[str, Any]]) -> None:
+    output, printed = reported
+    _, page = read_page(output)
+    assert page.json["json"] == printed
+    (one,) = printed["logs"][0]["flights"]
+    assert one["converged_s"] == pytest.approx(OFF_S)
+    rows = {row.key: row for members in GROUPS.values() for row in members}
+    assert len(page.cells) > 25
+    for key, cell in page.cells:
+        assert cell == shown(one[key], rows[key])
+    assert dict(page.cells)["settled_cross_rms_m"] == "0.04"
+    assert dict(page.cells)["attitude_age_median_s"] == "40"
+    assert set(rows) == set(Figures.__struct_fields__)
+
+
+def test_what_is_drawn_is_what_was_flown(reported: tuple[Path, dict[str, Any]]) -> None:
+    _, page = read_page(reported[0])
+    charts = page.json["charts"]
+    assert set(charts) == {"plan", "space", "error", "controls", "saturation", "timeline", "timing"}
+    norm, along, cross, vertical = (unpacked(line["y"]) for line in charts["error"]["data"])
+    assert (norm[0], along[0], cross[-1], vertical[-1]) == pytest.approx((1.0, -1.0, 0.04, 0.12), abs=1e-6)
+    yaw = {line["name"]: unpacked(line["y"]) for line in charts["controls"]["data"] if line["yaxis"] == "y3"}
+    assert {name: float(y[0]) for name, y in yaw.items()} == pytest.approx(
+        {"demanded": 0.25, "sent": 0.2, "measured": 0.3}, abs=1e-6
+    )
+    plan = {trace["name"]: trace for trace in charts["plan"]["data"]}
+    assert unpacked(plan["reference"]["x"])[-1] == pytest.approx(2.0 * SECONDS)
+    assert plan["events"]["text"] == ["1.00 s: &lt;b&gt;so &amp; so&lt;/b&gt;"]
+    for name, chart in charts.items():
+        for key, axis in chart["layout"].items():
+            if re.fullmatch(r"[xy]axis\d*", key) and axis.get("title") and name != "timeline":
+                assert re.search(r", |thrust", axis["title"]["text"]), f"{name}.{key} has no unit"
+
+
+def unpacked(packed: dict[str, str]) -> Floats:
+    return np.frombuffer(base64.b64decode(packed["bdata"]), dtype="<f4").astype(np.float64)
+
+
+def test_words_of_a_log_are_words_on_the_page(reported: tuple[Path, dict[str, Any]]) -> None:
+    text, page = read_page(reported[0])
+    assert "<b>so" not in text
+    assert "<b>so & so</b>" in page.text
+
+
+def test_several_logs_stand_side_by_side(log: Path, tmp_path: Path) -> None:
+    other = log_of(tmp_path, make_config("law.k=0.5"), flown(9.0, lambda _: (0.0, 0.05, 0.0)))
+    output, png = tmp_path / "two.html", tmp_path / "png"
+    status, out, err = call("report", str(log), str(other), "-o", str(output), "--png", str(png), "--json")
+    assert status == 0, err
+    _, page = read_page(output)
+    first, second = (one["flights"][0] for one in json.loads(out)["logs"])
+    assert (first["converged_s"], second["converged_s"]) == (None, 0.0)
+    cells = [cell for key, cell in page.cells if key == "all_rms_m"]
+    assert cells == [f"{first['all_rms_m']:.4g}", f"{second['all_rms_m']:.4g}"]
+    assert {"controls-1", "controls-2", "error"} <= set(page.json["charts"])
+    assert len(page.json["charts"]["error"]["data"]) == 8
+    assert "law.k" in page.text.partition("What differs between the logs")[2].partition("Not at its")[0]
+    assert page.text.count("A demo") > 2
+    for name in ("plan", "space", "error", "controls-1", "controls-2", "saturation", "timeline", "timing"):
+        pixels = image.imread(png / f"{name}.png")
+        assert min(pixels.shape[:2]) > 200
+        assert pixels.std() > 0.01
+
+
+def test_labels_are_short() -> None:
+    flight = read_flight(ASSET)
+    named = [flight._replace(path=Path(name)) for name in ("monday.mcap", "tuesday.mcap")]
+    assert labels_of([flight]) == ["rover-1"]
+    assert labels_of(named) == ["monday", "tuesday"]
+    assert labels_of([named[0], named[0]]) == ["A rover-1", "B rover-1"]
+    assert labels_of([named[0]._replace(path=Path("x" * 40)), named[1]]) == ["A rover-1", "B rover-1"]
+
+
+@pytest.mark.parametrize(
+    ("profile", "panels"),
+    [
+        ("px4-uuv", ["roll rate", "pitch rate", "yaw rate", "forward speed", "thrust"]),
+        ("ardupilot-rover", ["yaw rate", "forward speed", "thrust"]),
+        ("px4-plane", ["bank", "pitch", "throttle", "true airspeed"]),
+        ("ardupilot-copter", ["velocity north", "velocity east", "velocity down", "yaw rate"]),
+    ],
+)
+def test_each_class_of_vehicles_has_its_own_controls(log: Path, profile: str, panels: list[str]) -> None:
+    flight = read_flight(log)
+    config = load(Path(__file__).parents[1] / "deploy" / f"{profile}.toml")
+    handling = {"px4-uuv": Handling.RATES, "ardupilot-rover": Handling.GROUND, "px4-plane": Handling.AIRPLANE}
+    other = flight._replace(config=config, handling=handling.get(profile, Handling.VELOCITY))
+    sections = sections_of([Shown("it", other, [judged(other, other.stretches[0])])])
+    controls = next(section for section in sections if section.key == "controls")
+    assert [panel.title.partition(" (")[0] for panel in controls.panels] == panels
+
+
+# What is no flight, or not all of it -------------------------------------------------------------------
+
+
+def test_a_log_that_was_cut_is_reported_on_and_marked(log: Path, tmp_path: Path) -> None:
+    cut, output = tmp_path / "cut.mcap", tmp_path / "cut.html"
+    cut.write_bytes(ASSET.read_bytes()[:180_000])
+    status, out, err = call("report", str(cut), "-o", str(output), "--json")
+    assert status == 0, err
+    assert "incomplete" in err
+    assert "interrupted" in json.loads(out)["logs"][0]["incomplete"]
+    assert "Incomplete:" in read_page(output)[1].text
+    assert json.loads(out)["logs"][0]["flights"][0]["setpoints"] > 20
+
+
+def test_what_is_no_log_is_refused_with_what_it_is(log: Path, tmp_path: Path) -> None:
+    empty, text, foreign, hollow = (
+        tmp_path / f"{name}.mcap" for name in ("empty", "text", "foreign", "hollow")
+    )
+    empty.write_bytes(b"")
+    text.write_text("no log at all")
+    for path, payload in ((foreign, b'{"a":1}'), (hollow, None)):
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            if payload is not None:
+                channel = writer.register_channel(
+                    "/a", "json", writer.register_schema("a", "jsonschema", b"{}")
+                )
+                writer.add_message(channel, 0, payload, 0)
+            writer.finish()  # type: ignore[no-untyped-call]
+    older = with_session(
+        log, tmp_path / "older.mcap", schema_version=0, guidance_version="0.0.7", config_json=7
+    )
+    for path, why in (
+        (tmp_path / "none.mcap", "No such file"),
+        (empty, "the file is empty"),
+        (text, "does not begin as an MCAP file does"),
+        (foreign, "does not begin with a session record"),
+        (hollow, "does not begin with a session record"),
+        (older, "schema version 0, not 1: use guidance 0.0.7, which wrote it"),
+    ):
+        status, out, err = call("report", str(path), "-o", str(tmp_path / "never.html"))
+        assert (status, out) == (2, ""), err
+        assert why in err
+        assert str(path) in err
+        assert "Traceback" not in err
+    assert not (tmp_path / "never.html").exists()
+
+
+def test_a_log_without_a_flight_says_how_far_it_came(tmp_path: Path) -> None:
+    path = log_of(tmp_path, make_config(), [status("ready", 0, 10, "waits for the pilot")])
+    status_, _, err = call("report", str(path), "-o", str(tmp_path / "never.html"))
+    assert status_ == 1
+    assert "nothing was tracked; its last state was ready (waits for the pilot)" in err
+
+
+def test_where_nothing_can_be_written_it_says_so(log: Path, tmp_path: Path) -> None:
+    status, _, err = call("report", str(log), "-o", str(tmp_path / "missing" / "x.html"))
+    assert status == 1
+    assert "cannot be written: No such file" in err
+    (tmp_path / "file").write_text("")
+    status, _, err = call("report", str(log), "-o", str(tmp_path / "x.html"), "--png", str(tmp_path / "file"))
+    assert status == 1
+    assert "cannot be written" in err
+
+
+def test_without_its_extra_the_command_says_what_to_install(
+    log: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in [name for name in sys.modules if name.startswith(("plotly", "guidance.report."))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    status, _, err = call("report", str(log), "-o", str(tmp_path / "x.html"))
+    assert status == 2
+    assert "pip install 'se3-guidance[report]'" in err

@@ -24,7 +24,9 @@ from guidance.records import Record
 from guidance.report.columns import Floats
 from guidance.report.flight import read_flight, stretches_of
 from guidance.report.judged import GROUPS, Figures, along_cross_up, judged, shown
+from guidance.report.page import _json
 from guidance.report.panels import Shown, bank_pitch, nose, sections_of
+from guidance.report.paths import box_of
 from guidance.report.reading import labels_of
 from guidance.report.settings import settings_of
 from guidance.report.thin import thin, thin_path
@@ -314,6 +316,23 @@ def test_words_of_a_log_are_words_on_the_page(reported: tuple[Path, dict[str, An
     text, page = read_page(reported[0])
     assert "<b>so" not in text
     assert "<b>so & so</b>" in page.text
+
+
+def test_the_box_holds_all_and_is_neither_flat_nor_filled_by_noise() -> None:
+    level = np.array([[-10.0, 0.0, 2.0], [10.0, 40.0, 2.2]])
+    box = box_of([level], None)
+    for (low, high), least, most in zip(box.ranges, level.min(axis=0), level.max(axis=0), strict=True):
+        assert low < least < most < high
+    assert box.ranges[2][1] - box.ranges[2][0] > 4.0
+    assert box.sides == pytest.approx([0.5, 1.0, 0.25])
+    fenced = box_of([level], np.array([[-100.0, -100.0], [100.0, 100.0]]))
+    assert fenced.ranges[0][0] < -100.0 < 100.0 < fenced.ranges[1][1]
+
+
+def test_json_ends_no_script() -> None:
+    hostile = {"a": "</script><script>alert(1)</script><!--"}
+    assert "<" not in _json(hostile)
+    assert json.loads(_json(hostile)) == hostile
 
 
 def test_several_logs_stand_side_by_side(log: Path, tmp_path: Path) -> None:

@@ -156,7 +156,8 @@ def test_where_they_part_is_told_with_the_reason() -> None:
 
 def test_the_line_is_the_logs_and_the_rest_the_files() -> None:
     logged = configuration()
-    other = other_configuration(logged, DEPLOY / "ardupilot-rover.toml", ("law.k=0.7",))
+    settings = ("law.k=0.7", "link.connection=serial:///dev/null?baud=57600")
+    other = other_configuration(logged, DEPLOY / "ardupilot-rover.toml", settings)
     assert other.link.connection == logged.link.connection
     assert other.link.rate_hz != logged.link.rate_hz
     assert other.law.k == 0.7

@@ -15,7 +15,7 @@ import numpy as np
 from guidance.report import looks
 from guidance.report.columns import Floats
 from guidance.report.panels import Section
-from guidance.report.paths import Path3
+from guidance.report.paths import Path3, box_of
 from guidance.report.timeline import Timeline
 
 Chart = dict[str, Any]
@@ -86,11 +86,12 @@ def plan_chart(paths: Sequence[Path3], fence: Floats | None) -> Chart:
         data.append({"type": "scatter", "mode": "lines", "name": "fence", "line": line, **_east_north(fence)})
     data += _drawn(paths, space=False)
     layout = _layout(520)
+    box = box_of([place for path in paths for place in (path.reference, path.flown)], fence)
     layout |= {
-        "xaxis": {**_axis("east, m"), "constrain": "domain", "range": _room(paths, fence, 0)},
+        "xaxis": {**_axis("east, m"), "constrain": "domain", "range": box.ranges[0]},
         "yaxis": {
             **_axis("north, m"),
-            "range": _room(paths, fence, 1),
+            "range": box.ranges[1],
             "scaleanchor": "x",
             "scaleratio": 1.0,
             "constrain": "domain",
@@ -118,12 +119,14 @@ def space_chart(paths: Sequence[Path3], fence: Floats | None) -> Chart:
             }
         )
     layout = _layout(520)
+    box = box_of([place for path in paths for place in (path.reference, path.flown)], fence)
     layout["scene"] = {
-        "xaxis": _axis("east, m"),
-        "yaxis": _axis("north, m"),
-        "zaxis": _axis("height, m"),
-        "aspectmode": "data",
-        "camera": {"eye": {"x": -1.1, "y": -1.5, "z": 0.9}},
+        "xaxis": {**_axis("east, m"), "range": box.ranges[0]},
+        "yaxis": {**_axis("north, m"), "range": box.ranges[1]},
+        "zaxis": {**_axis("height, m"), "range": box.ranges[2], "nticks": 5},
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", box.sides, strict=True)),
+        "camera": {"eye": {"x": -1.0, "y": -1.4, "z": 0.9}},
     }
     layout["margin"] = {"l": 0, "r": 0, "t": 40, "b": 0}
     return {"data": data, "layout": layout}
@@ -242,22 +245,13 @@ def _layout(height_px: int) -> Chart:
         "plot_bgcolor": "rgba(0,0,0,0)",
         "hovermode": "x",
         "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yref": "container", "yanchor": "top"},
-        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "#8c959f", "activecolor": "#0072b2"},
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "#8c959f", "activecolor": "#2a7fc1"},
         "annotations": [],
     }
 
 
 def _axis(title: str) -> Chart:
     return {"title": {"text": title, "standoff": 8}, "zeroline": False, "ticks": "outside", "ticklen": 4}
-
-
-def _room(paths: Sequence[Path3], fence: Floats | None, axis: int) -> list[float]:
-    """From the least to the most of a coordinate, with a margin."""
-    shown = [path.reference[:, axis] for path in paths] + [path.flown[:, axis] for path in paths]
-    values = np.concatenate(shown if fence is None else [*shown, fence[:, axis]])
-    least, most = (float(v) for v in (np.nanmin(values), np.nanmax(values))) if len(values) else (-1.0, 1.0)
-    margin = 0.06 * max(most - least, 1.0)
-    return [least - margin, most + margin]
 
 
 def _domain(place: int, count: int, between: float) -> tuple[float, float]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 #: One for each log, then again from the first.
-LOGS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-ROLES: Final = {"demanded": "#999999", "sent": "#0072b2", "measured": "#d55e00", "other": "#009e73"}
+LOGS: Final = ("#2a7fc1", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+ROLES: Final = {"demanded": "#999999", "sent": "#2a7fc1", "measured": "#d55e00", "other": "#009e73"}
 REFERENCE: Final = "#888888"
 FENCE: Final = "#c1272d"
 START: Final = "#009e73"

@@ -17,6 +17,11 @@ from guidance.report.thin import thin_path
 _MARKED: Final = frozenset({Level.WARNING, Level.ERROR, Level.CRITICAL})
 #: So many marks at most; a flight with more has them in the table.
 MARKS_MOST: Final = 200
+_MARGIN: Final = 0.06
+#: No side of the box is shorter than this part of the longest.
+_FLATTEST: Final = 0.25
+#: Nor holds it less than this part of the longest, so that noise on a flat flight does not fill it.
+_THINNEST: Final = 0.1
 
 
 class Mark(NamedTuple):
@@ -26,6 +31,16 @@ class Mark(NamedTuple):
     after_s: float
     level: str
     text: str
+
+
+class Box(NamedTuple):
+    """From and to of east, north and height, m, and the sides of the box that is drawn, the longest 1.
+
+    To scale, but for a side that would be too flat to see.
+    """
+
+    ranges: list[list[float]]
+    sides: list[float]
 
 
 class Path3(NamedTuple):
@@ -50,6 +65,22 @@ def fence_outline(flight: Flight) -> Floats | None:
         return None
     corners = np.array([*fence.corners, fence.corners[0]], dtype=np.float64)
     return corners[:, ::-1]
+
+
+def box_of(places: Sequence[Floats], fence: Floats | None) -> Box:
+    """What holds these places (n, 3) and the fence's corners, with a margin."""
+    seen = [place for place in places if len(place)]
+    least = np.nanmin([np.nanmin(place, axis=0) for place in seen], axis=0) if seen else -np.ones(3)
+    most = np.nanmax([np.nanmax(place, axis=0) for place in seen], axis=0) if seen else np.ones(3)
+    if fence is not None:
+        least[:2] = np.minimum(least[:2], fence.min(axis=0))
+        most[:2] = np.maximum(most[:2], fence.max(axis=0))
+    middle, half = 0.5 * (least + most), 0.5 * (most - least)
+    half = (1.0 + 2.0 * _MARGIN) * np.maximum(half, max(_THINNEST * half.max(), 0.5))
+    least, most = middle - half, middle + half
+    sides = np.maximum((most - least) / (most - least).max(), _FLATTEST)
+    ranges = [[low, high] for low, high in zip(least.tolist(), most.tolist(), strict=True)]
+    return Box(ranges, sides.tolist())
 
 
 def _paths(label: str, flight: Flight) -> Path3:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from guidance.report import looks
 from guidance.report.columns import Floats
 from guidance.report.panels import Section, Shown, sections_of
-from guidance.report.paths import Path3, fence_outline, paths_of
+from guidance.report.paths import Path3, box_of, fence_outline, paths_of
 from guidance.report.timeline import Timeline, timeline_of
 
 _DOTS_PER_INCH: Final = 150
@@ -108,16 +108,18 @@ def _plan(paths: Sequence[Path3], fence: Floats | None) -> Figure:
 
 
 def _space(paths: Sequence[Path3]) -> Figure:
-    figure = Figure(figsize=(6.5, 6.0))
-    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+    figure = Figure(figsize=(6.5, 5.0))
+    axes: Any = figure.add_axes((0.02, 0.02, 0.92, 1.0), projection="3d", computed_zorder=False)
     for i, path in enumerate(paths):
-        axes.plot(*path.reference.T, color=looks.REFERENCE, linewidth=2.0)
-        axes.plot(*path.flown.T, color=looks.colour(i), linewidth=1.0)
-        axes.plot(*([value] for value in path.start), "o", color=looks.START, markersize=5.0)
-    axes.set_xlabel("east, m")
-    axes.set_ylabel("north, m")
-    axes.set_zlabel("height, m")
-    axes.set_aspect("equalxy")
+        axes.plot(*path.flown.T, color=looks.colour(i), linewidth=0.9, zorder=1)
+        axes.plot(*path.reference.T, color=looks.REFERENCE, linewidth=1.4, zorder=2)
+        axes.plot(*([value] for value in path.start), "o", color=looks.START, markersize=5.0, zorder=3)
+    box = box_of([place for path in paths for place in (path.reference, path.flown)], None)
+    axes.set_box_aspect(box.sides)
+    for axis, name, limits in zip("xyz", ("east", "north", "height"), box.ranges, strict=True):
+        getattr(axes, f"set_{axis}lim")(limits)
+        getattr(axes, f"set_{axis}label")(f"{name}, m")
+        axes.locator_params(axis=axis, nbins=5)
     return figure
 
 

@@ -26,7 +26,7 @@ def configuration() -> Config:
     """The rover's as it ships, slowed down to what a small file holds."""
     shipped = Path(__file__).parents[1] / "deploy" / "ardupilot-rover.toml"
     fence = "guards.fence_ned_m=[[-25.0,-25.0],[25.0,-25.0],[25.0,25.0],[-25.0,25.0]]"
-    slow = ("link.rate_hz=10", "supervisor.arm=true", "log.foxglove=false", "trajectory.radius_m=8")
+    slow = ("link.rate_hz=10", "log.foxglove=false", "trajectory.radius_m=8")
     return load(shipped, (*slow, fence))
 
 
@@ -40,6 +40,7 @@ def flight(book: LogBook) -> Lockstep:
         seed=3,
         initial_position_ned_m=(6.0, 1.0, 0.0),
         noise=USUAL,
+        initially_armed=True,
     )
     flight.on_record = book.add
     fly_until(flight, State.READY, 20.0)

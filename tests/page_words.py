@@ -92,7 +92,7 @@ OTHERS: Final = frozenset(
     ]
 )
 #: What other parts of this release bring: take out what has come.
-COMING: Final = frozenset(["guidance report", "guidance dashboard", "guidance demo --dashboard", "dashboard"])
+COMING: Final = frozenset(["guidance dashboard", "guidance demo --dashboard", "dashboard"])
 
 
 def keys_of(kind: type[msgspec.Struct], above: str) -> Iterator[tuple[str, Any]]:

@@ -33,7 +33,7 @@ FIRST_FLIGHT: Final = ROOT / "docs" / "first-flight.md"
 VEHICLES: Final = ROOT / "docs" / "vehicles.md"
 TROUBLESHOOTING: Final = ROOT / "docs" / "troubleshooting.md"
 #: Pages that other parts of this release bring: take out what has come.
-COMING: Final = frozenset(["command-line.md", "dashboard.md", "reports.md", "telemetry.md"])
+COMING: Final = frozenset(["command-line.md", "dashboard.md", "telemetry.md"])
 #: What mavlink-router's examples/config.sample knows of each kind of section.
 ROUTER_KEYS: Final = {
     "General": {"TcpServerPort"},

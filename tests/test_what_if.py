@@ -20,7 +20,7 @@ from sitl.logbook import LogBook
 from tests.flight_asset import ASSET, configuration
 from tests.hand_made_flight import with_session
 from tests.helpers import make_config, make_flight
-from tests.test_report import read_page
+from tests.test_report_page import read_page
 
 DEPLOY = Path(__file__).parents[1] / "deploy"
 

@@ -19,6 +19,8 @@ from guidance.demo_cli import demo
 from guidance.entry import complain, enter, refused
 from guidance.network_options import Connect, Listen, ZenohFile
 from guidance.progress import waiting
+from guidance.replay_cli import replay
+from guidance.report_cli import report
 from guidance.tune_cli import tune
 
 _ROOT_HELP = """Guidance of forward-driven vehicles on SE(3) over MAVLink.
@@ -34,6 +36,7 @@ guidance watch --connect tcp/192.168.1.2:7447       every vehicle, live
 guidance dashboard --open                           the same in a browser
 guidance command uuv-1 engage                       an order, answered
 guidance tune --config vehicle.toml                 steps, and gains from them
+guidance report logs/FLIGHT.mcap                    what was flown, as HTML
 guidance replay logs/FLIGHT.mcap                    its law again, to the bit
 """
 
@@ -96,60 +99,6 @@ def run(
 
 
 app.command()(demo)
-
-
-@app.command()
-def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log that the service wrote.")],
-    as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON on stdout.")] = False,
-) -> None:
-    """Feed a log's inputs to the core again and compare everything that comes out, to the bit.
-
-    Of a log in several files any one may be named; they are replayed together, from the first on.
-
-    Exit status 0 only if all of it is identical and the flight did track; 1 if not, 2 for no log of ours.
-
-    Example:
-
-    \b
-    guidance replay logs/FLIGHT.mcap --json
-    """
-    from guidance import replay as again
-    from guidance.telemetry.log import NotALog
-
-    try:
-        found = again.replay(log)
-    except (NotALog, again.ReplayError) as error:
-        raise _refuse(error) from None
-    console = Console(stderr=as_json, soft_wrap=True, highlight=False)
-    console.print(
-        f"{found.flight_s:.1f} s of log, {found.inputs} inputs; compared {found.compared} records, "
-        f"{found.setpoints} setpoints, {found.tracked} of them tracking"
-    )
-    if found.stopped:
-        console.print(f"stopped early: {found.stopped}", markup=False)
-    if found.difference is not None:
-        console.print(f"first difference {found.difference}", markup=False)
-    elif found.tracked == 0:
-        console.print("nothing was tracked in this log, so nothing of the law was compared")
-    elif found.identical:
-        console.print("identical")
-    if as_json:
-        typer.echo(
-            json.dumps(
-                {
-                    "identical": found.identical,
-                    "inputs": found.inputs,
-                    "compared": found.compared,
-                    "setpoints": found.setpoints,
-                    "tracked": found.tracked,
-                    "flight_s": found.flight_s,
-                    "difference": None if found.difference is None else str(found.difference),
-                    "stopped": found.stopped,
-                }
-            )
-        )
-    raise typer.Exit(0 if found.identical else 1)
 
 
 @app.command()
@@ -294,6 +243,8 @@ def check(
 app.command("command")(command)
 app.command("dashboard")(dashboard)
 app.command("tune")(tune)
+app.command("report")(report)
+app.command("replay")(replay)
 
 
 def main() -> None:

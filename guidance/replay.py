@@ -34,6 +34,13 @@ class ReplayError(Exception):
     """The log cannot be replayed; the text says why."""
 
 
+class _Wrote(msgspec.Struct):
+    """What every version's session record says."""
+
+    schema_version: int
+    guidance_version: str
+
+
 class Difference(NamedTuple):
     """The first thing that came out otherwise: when (s after the first input), topic, field, both values."""
 
@@ -65,12 +72,14 @@ class Replay(NamedTuple):
         return self.difference is None and not self.stopped and self.tracked > 0
 
 
-def replay(path: Path) -> Replay:
+def replay(path: Path, tolerance: float = 0.0) -> Replay:
     """Feed the log's inputs to the core and compare; raises ReplayError, NotALog.
+
+    Fractions in the records may differ by `tolerance`; all else, and every packet, is compared exactly.
 
     Of a run whose log went on in further files any one may be given: all are replayed, from the first on.
     """
-    lines = _lines(path)
+    lines = lines_of(path)
     settings = _configuration(path, lines)
     signed = bool(settings.link.signing_key_file)
     guide = Guide(settings, Signing(None, settings.link.signing_link_id) if signed else None)
@@ -118,7 +127,7 @@ def replay(path: Path) -> Replay:
             if signed and topic == TOPICS[Packet]:
                 with suppress(*NOT_A_RECORD):  # then it differs as it is
                     payload = encode(_without_hash(decode_packet(payload)))
-            if expected != (topic, payload):
+            if expected != (topic, payload) and not _within(tolerance, (topic, payload), expected):
                 difference = _difference((topic, payload), expected, time_s)
                 break
             compared += 1
@@ -132,7 +141,7 @@ def replay(path: Path) -> Replay:
     return Replay(inputs, compared, setpoints, tracked, (last_ns - first_ns) * 1e-9, difference, stopped)
 
 
-def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
+def lines_of(path: Path) -> Iterator[tuple[str, bytes]]:
     """The run's messages; an early or damaged end becomes a last line without a topic that says so."""
     try:
         yield from read_run(path)
@@ -142,25 +151,53 @@ def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
         yield "", str(error).encode()
 
 
-def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Config:
+def session_of(path: Path, lines: Iterator[tuple[str, bytes]]) -> Session:
+    """The run's first record; ReplayError if it is none, or of another schema."""
     for topic, payload in lines:
         if topic == TOPICS[Session]:
             try:
-                session = msgspec.json.decode(payload, type=Session)
-                if session.schema_version != SCHEMA_VERSION:
+                wrote = msgspec.json.decode(payload, type=_Wrote)
+                if wrote.schema_version != SCHEMA_VERSION:
                     raise ReplayError(
-                        f"{path}: its records have schema version {session.schema_version}, not "
-                        f"{SCHEMA_VERSION}: use guidance {session.guidance_version}, which wrote it"
+                        f"{path}: its records have schema version {wrote.schema_version}, not "
+                        f"{SCHEMA_VERSION}: use guidance {wrote.guidance_version}, which wrote it"
                     )
-                return config.from_json(session.config_json)
-            except (*NOT_A_RECORD, config.ConfigError) as error:
+                return msgspec.json.decode(payload, type=Session)
+            except NOT_A_RECORD as error:
                 raise ReplayError(f"{path}: its session record cannot be used: {error}") from None
         break
     raise ReplayError(f"{path}: does not begin with a session record; is it a log of this service?")
 
 
+def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Config:
+    try:
+        return config.from_json(session_of(path, lines).config_json)
+    except config.ConfigError as error:
+        raise ReplayError(f"{path}: its session record cannot be used: {error}") from None
+
+
 def _without_hash(packet: Packet) -> Packet:
     return replace(packet, data=without_hash(packet.data))
+
+
+def _within(tolerance: float, logged: tuple[str, bytes], replayed: tuple[str, bytes]) -> bool:
+    """Whether two records differ by no more than the tolerance, and in nothing that is not a fraction."""
+    if tolerance == 0.0 or logged[0] != replayed[0]:
+        return False
+    try:
+        return _near(tolerance, msgspec.json.decode(logged[1]), msgspec.json.decode(replayed[1]))
+    except NOT_A_RECORD:
+        return False
+
+
+def _near(tolerance: float, one: Any, other: Any) -> bool:
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_near(tolerance, one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_near, [tolerance] * len(one), one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return abs(one - other) <= tolerance
+    return type(one) is type(other) and bool(one == other)
 
 
 def _missing(line: tuple[str, bytes], time_s: float, *, logged: bool) -> Difference:

@@ -18,7 +18,7 @@ from guidance.telemetry.recorder import Recorder
 #: Virtual time outruns every disk: all of a flight waits in memory, nothing is dropped.
 _CAPACITY: Final = 10_000_000
 _CAPACITY_BYTES: Final = 4 << 30
-_CLOSE_S: Final = 60.0
+_CLOSE_S: Final = 600.0
 
 
 class LogBook:

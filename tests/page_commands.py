@@ -26,7 +26,9 @@ def starting(*beginnings: str) -> list[str]:
 
 
 DEMOS = starting(".venv/bin/guidance demo")
-REPLAYS = starting(".venv/bin/guidance replay")
+REPORTS = starting(".venv/bin/guidance report")
+COMPARISONS = [c for c in starting(".venv/bin/guidance replay") if " --config " in c or " --set " in c]
+REPLAYS = [c for c in starting(".venv/bin/guidance replay") if c not in COMPARISONS]
 CHECKS = starting(".venv/bin/guidance check")
 TUNES = starting(".venv/bin/guidance tune")
 WATCHES = starting(".venv/bin/guidance watch")
@@ -43,6 +45,7 @@ ON_THE_VEHICLE = starting("sudo ", "systemctl ")
 RUN = [
     *(*DEMOS, *REPLAYS, *CHECKS, *TUNES, *WATCHES, *PAPER, *ORDERS, *FOXGLOVE, *CAMPAIGNS, *SCENARIOS, *FUZZ),
     *(*DASHBOARDS, *FLOWN, MAKE_A_KEY, ".venv/bin/sitl bench"),
+    *(*REPORTS, *COMPARISONS),  # these in test_report_commands
 ]
 #: Not run here: why. Those of our own programs are parsed by them, with the files and keys that they name.
 NOT_RUN = {

@@ -93,8 +93,6 @@ OTHERS: Final = frozenset(
         *("guard_NAME", "map_ned", "base_link_frd"),
     ]
 )
-#: What other parts of this release bring: take out what has come.
-COMING: Final = frozenset(["guidance report", "guidance dashboard", "guidance demo --dashboard", "dashboard"])
 
 
 def keys_of(kind: type[msgspec.Struct], above: str) -> Iterator[tuple[str, Any]]:
@@ -306,7 +304,7 @@ def is_known_elsewhere(text: str) -> bool:
     """A parameter that is in a firmware alone, a word of another program, an extra; what is still to come."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     listed = any(text in names for names in ELSEWHERE.values())
-    return listed or text in OTHERS or text in COMING or text in project["optional-dependencies"]
+    return listed or text in OTHERS or text in project["optional-dependencies"]
 
 
 def is_pattern_of_fields(text: str) -> bool:

@@ -32,8 +32,6 @@ EACH: Final = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 FIRST_FLIGHT: Final = ROOT / "docs" / "first-flight.md"
 VEHICLES: Final = ROOT / "docs" / "vehicles.md"
 TROUBLESHOOTING: Final = ROOT / "docs" / "troubleshooting.md"
-#: Pages that other parts of this release bring: take out what has come.
-COMING: Final = frozenset(["dashboard.md", "reports.md"])
 #: What mavlink-router's examples/config.sample knows of each kind of section.
 ROUTER_KEYS: Final = {
     "General": {"TcpServerPort"},
@@ -47,7 +45,7 @@ def test_there_are_pages_and_the_readme_leads_to_each() -> None:
     listed = [
         name for row in tables(prose(README)) for name in re.findall(r"\(docs/(.*)\)", row.get("page", ""))
     ]
-    assert sorted(listed) == sorted({*(page.name for page in DOCS), *COMING})
+    assert sorted(listed) == sorted(page.name for page in DOCS)
 
 
 def test_the_readme_is_a_front_page() -> None:
@@ -113,9 +111,8 @@ def test_lines_are_no_longer_than_a_screen(page: Path) -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for name, anchor in links(page):
         there = page.parent / name if name else page
-        if there.name not in COMING:
-            assert there.exists(), name
-            assert not anchor or anchor in anchors(there), f"{name}#{anchor}"
+        assert there.exists(), name
+        assert not anchor or anchor in anchors(there), f"{name}#{anchor}"
 
 
 @EACH

@@ -26,6 +26,9 @@ from guidance.telemetry.schema import RECORDS
 
 _T = TypeVar("_T")
 
+#: Told how far a file was read: its path and the bytes of it that are done.
+Passed = Callable[[Path, int], object]
+
 #: Name of the metadata record that every log of ours carries.
 METADATA_NAME: Final = "guidance"
 #: Name of the last metadata record, by which the recorder says that it closed the log. Its one field says why
@@ -79,15 +82,17 @@ def read_log(path: Path) -> Iterator[tuple[str, bytes]]:
     return _messages(path)
 
 
-def read_part(path: Path) -> Generator[tuple[str, bytes], None, str]:
+def read_part(path: Path, passed: Passed | None = None) -> Generator[tuple[str, bytes], None, str]:
     """As `read_log`; when it is through, returns the name of the file in which the run goes on, or "".
+
+    `passed` is told after each chunk.
 
     Raises:
         NotALog: as `read_log`.
         LogDamaged: as `read_log`.
     """
     _check_magic(path)
-    return _messages(path)
+    return _messages(path, passed)
 
 
 def read_records(path: Path, *topics: str) -> Iterator[Record]:
@@ -150,7 +155,7 @@ def _records(path: Path, decoders: dict[str, msgspec.json.Decoder[Record]]) -> I
             yield record
 
 
-def _messages(path: Path) -> Generator[tuple[str, bytes], None, str]:
+def _messages(path: Path, passed: Passed | None = None) -> Generator[tuple[str, bytes], None, str]:
     reader = _ChunkReader(path)
     ended_early: str | None = None
     continued_in = ""
@@ -158,6 +163,8 @@ def _messages(path: Path) -> Generator[tuple[str, bytes], None, str]:
     for opcode, offset, body in _outer_records(path):
         if opcode == Opcode.CHUNK:
             yield from reader.messages(offset, _unpack_chunk(path, offset, body))
+            if passed is not None:
+                passed(path, offset + len(body))
         elif opcode in (Opcode.MESSAGE, Opcode.CHANNEL):
             yield from reader.messages(offset, PREFIX.pack(opcode, len(body)) + body)
         elif opcode == Opcode.METADATA:

@@ -6,15 +6,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from guidance.telemetry.log import PART, LogDamaged, NotALog, read_metadata, read_part
+from guidance.telemetry.log import PART, LogDamaged, NotALog, Passed, read_metadata, read_part
 
 
 class PartMissing(Exception):  # noqa: N818
     """The log begins in the middle of its run, and the part before it is not in its directory."""
 
 
-def read_run(path: Path) -> Iterator[tuple[str, bytes]]:
+def read_run(path: Path, passed: Passed | None = None) -> Iterator[tuple[str, bytes]]:
     """Every message of the run that the log at `path` is a part of, from the first part on; see `read_log`.
+
+    `passed` is told after each chunk how far which part was read.
 
     Raises:
         NotALog: as `read_log`.
@@ -29,12 +31,12 @@ def read_run(path: Path) -> Iterator[tuple[str, bytes]]:
             f"{path}: part {number} of its run, which begins in the middle of the flight; "
             f"the parts before it are not in {path.parent.absolute()}"
         )
-    return _messages(first, session_id)
+    return _messages(first, session_id, passed)
 
 
-def _messages(path: Path, session_id: str) -> Iterator[tuple[str, bytes]]:
+def _messages(path: Path, session_id: str, passed: Passed | None) -> Iterator[tuple[str, bytes]]:
     number, current = 1, path
-    while following := (yield from read_part(current)):
+    while following := (yield from read_part(current, passed)):
         number += 1
         found = _part(path.parent, session_id, number)
         if found is None:

@@ -244,7 +244,7 @@ def flown(config_json: str) -> bytes:
         component_id=config.vehicle.component_id,
         initial_position_ned_m=(start.x + 1.0, start.y, start.z),
         initially_armed=not config.supervisor.arm,
-        initial_mode="MANUAL",
+        initial_mode="STABILIZE" if config.vehicle.profile == "ardupilot-copter" else "MANUAL",
         signing_key=KEY if signed else b"",
     )
     flight = Lockstep(config, Vehicle(vehicle, boot_ns=SECOND), signing_key=KEY if signed else None)

@@ -1,0 +1,154 @@
+"""`guidance replay`: the same again to the bit, or what another configuration would do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from guidance.report_cli import refuse, without_extra, write
+
+
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log that the service wrote.")],
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", "-c", metavar="FILE", help="Compare with this configuration instead."),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Compare with the configuration so changed (repeatable)."
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Write the comparison as a report (the extra `report`)."),
+    ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=0.0, help="Numbers may differ by so much, for a log of another kind of processor or library."
+        ),
+    ] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON on stdout.")] = False,
+) -> None:
+    """Feed a log's inputs to the core again and compare everything that comes out, to the bit.
+
+    With --config or --set the core flies otherwise, and what it would have commanded at the same instants is
+    set beside what was. The path stays the flown one. Of the file's [link], connection and signing are the
+    log's; --set without --config changes the log's own configuration.
+
+    Of a log in several files any one may be named; they are replayed together, from the first on.
+
+    Exit status 0 only if all of it is identical and the flight did track, or if there was something to
+    compare; 1 if not, 2 for no log of ours or a wrong configuration.
+
+    Examples:
+
+    \b
+    guidance replay logs/FLIGHT.mcap --json
+    guidance replay logs/FLIGHT.mcap --config other.toml --report compared.html
+    guidance replay logs/FLIGHT.mcap --set law.k=0.5
+    """
+    if config is not None or overrides:
+        raise typer.Exit(_compare(log, config, overrides or [], report, as_json=as_json))
+    if report is not None:
+        raise refuse("--report is of a comparison: name --config or --set, or take `guidance report`", 2)
+    raise typer.Exit(_again(log, tolerance, as_json=as_json))
+
+
+def _again(log: Path, tolerance: float, *, as_json: bool) -> int:
+    from guidance import replay as again
+    from guidance.telemetry.log import NotALog
+
+    try:
+        found = again.replay(log, tolerance)
+    except (NotALog, again.ReplayError) as error:
+        raise refuse(error, 2) from None
+    console = Console(stderr=as_json, soft_wrap=True, highlight=False)
+    console.print(
+        f"{found.flight_s:.1f} s of log, {found.inputs} inputs; compared {found.compared} records, "
+        f"{found.setpoints} setpoints, {found.tracked} of them tracking"
+    )
+    if found.stopped:
+        console.print(f"stopped early: {found.stopped}", markup=False)
+    if found.difference is not None:
+        console.print(f"first difference {found.difference}", markup=False)
+    elif found.tracked == 0:
+        console.print("nothing was tracked in this log, so nothing of the law was compared")
+    elif found.identical:
+        console.print("identical" if tolerance == 0.0 else f"identical within {tolerance:g}")
+    if as_json:
+        typer.echo(
+            json.dumps(
+                {
+                    "identical": found.identical,
+                    "inputs": found.inputs,
+                    "compared": found.compared,
+                    "setpoints": found.setpoints,
+                    "tracked": found.tracked,
+                    "flight_s": found.flight_s,
+                    "difference": None if found.difference is None else str(found.difference),
+                    "stopped": found.stopped,
+                }
+            )
+        )
+    return 0 if found.identical else 1
+
+
+def _compare(
+    log: Path, config: Path | None, overrides: list[str], report: Path | None, *, as_json: bool
+) -> int:
+    from guidance.config import ConfigError
+    from guidance.replay import ReplayError
+    from guidance.telemetry.log import NotALog
+    from guidance.what_if import compare, other_configuration
+
+    try:
+        found = compare(log, lambda logged: other_configuration(logged, config, overrides))
+    except (NotALog, ReplayError, ConfigError) as error:
+        raise refuse(error, 2) from None
+    console = Console(stderr=as_json, soft_wrap=True, highlight=False, markup=False)
+    log_s, count = found.flight_s, len(found.t_ns)
+    console.print(f"{log_s:.1f} s of log, {found.inputs} inputs; commands compared at {count} instants")
+    if found.stopped:
+        console.print(f"stopped early: {found.stopped}")
+    if found.refused:
+        console.print(f"the other configuration would not have engaged: {found.refused}")
+    for one in found.differences:
+        console.print(
+            f"  {one.channel:<15} RMS {one.rms:9.4g}   largest {one.largest:9.4g} {one.unit:<5} "
+            f"after {one.largest_at_s:.1f} s"
+        )
+    if found.t_ns:
+        parts = (100.0 * count / len(found.t_ns) for count in (found.saturated_flown, found.saturated_other))
+        console.print("  at a limit      flown {:.1f} %, other {:.1f} %".format(*parts))
+    for parting in found.partings if not found.refused else ():
+        console.print(
+            f"  after {parting.at_s:.1f} s flown: {parting.flown}, other: {parting.other}, "
+            f"{parting.other_reason}"
+        )
+    if report is not None:
+        _report(log, config, found, report)
+    if as_json:
+        typer.echo(json.dumps(found.as_json()))
+    return 0 if found.t_ns else 1
+
+
+def _report(log: Path, config: Path | None, found: object, output: Path) -> None:
+    from guidance.what_if import Comparison
+
+    try:
+        from guidance.report.comparison import drawn
+        from guidance.report.page import page
+        from guidance.report.reading import read_all
+    except ModuleNotFoundError as error:
+        raise without_extra(error) from None
+    assert isinstance(found, Comparison)
+    shown = read_all([log], None, refuse)
+    name = "the changed settings" if config is None else config.name
+    write(output, page(shown, drawn(found, shown[0].flight, name)))

@@ -1,0 +1,98 @@
+"""The command line of `guidance report`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from guidance.report.panels import Shown
+
+#: What the extra `report` brings.
+EXTRA = frozenset({"numpy", "plotly", "matplotlib"})
+
+
+def refuse(text: object, status: int) -> typer.Exit:
+    """Say what is wrong on stderr; the exit to raise."""
+    Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance: {text}", markup=False)
+    return typer.Exit(status)
+
+
+def without_extra(error: ModuleNotFoundError) -> typer.Exit:
+    """The exit to raise for a module of the extra that is missing; raises the error if it is another."""
+    if error.name is None or error.name.partition(".")[0] not in EXTRA:
+        raise error
+    return refuse(f"{error.name} is missing: pip install 'se3-guidance[report]'", 2)
+
+
+def report(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG.mcap...", help="Logs that the service wrote, each a flight.")
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The HTML file to write.")
+    ] = Path("report.html"),
+    png: Annotated[
+        Path | None, typer.Option("--png", metavar="DIR", help="Write the plots here as PNG, too.")
+    ] = None,
+    converged: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-6,
+            help="Converged is an error below this for good, m; else as its class.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON on stdout.")] = False,
+) -> None:
+    """Write what was flown and how well as one HTML file that opens anywhere, without a network.
+
+    Several logs are set side by side. Of a log in several files any one may be named. A log that ends early
+    is reported on as far as it goes, and marked.
+
+    Exit status 0 if it was written, 1 if there is no flight in a log or it could not be written, 2 for no log
+    of ours. It needs the extra "report".
+
+    Examples:
+
+    \b
+    guidance report logs/FLIGHT.mcap
+    guidance report logs/MONDAY.mcap logs/TUESDAY.mcap --output compared.html --png plots
+    guidance report logs/FLIGHT.mcap --json
+    """
+    try:
+        from guidance.report.judged import as_json as json_of
+        from guidance.report.page import page
+        from guidance.report.reading import read_all
+    except ModuleNotFoundError as error:
+        raise without_extra(error) from None
+    shown = read_all(logs, converged, refuse)
+    write(output, page(shown))
+    if png is not None:
+        draw(shown, png)
+    if as_json:
+        typer.echo(json.dumps(json_of([(one.flight, one.figures) for one in shown])))
+
+
+def write(path: Path, text: str) -> None:
+    """The HTML file, and a line on stderr that says where; Exit 1 if it cannot be written."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise refuse(f"{path}: cannot be written: {error.strerror}", 1) from None
+    typer.echo(f"{path}: {len(text.encode()) / 1e6:.1f} MB", err=True)
+
+
+def draw(shown: list[Shown], directory: Path) -> None:
+    """The images; Exit 1 if they cannot be written."""
+    from guidance.report import plots
+
+    try:
+        made = plots.write(shown, directory)
+    except OSError as error:
+        raise refuse(f"{directory}: cannot be written: {error.strerror}", 1) from None
+    typer.echo(f"{directory}: {', '.join(path.name for path in made)}", err=True)

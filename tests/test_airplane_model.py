@@ -139,14 +139,14 @@ def test_a_bank_turns_by_its_effectiveness(name: str, effectiveness: float) -> N
     bank = radians(30.0)
     asked = state.queue[-1]
     ratios = []
-    for n in range(3000):
+    for n in range(5000):
         # hold the height as a pilot would
-        pitch = asked.pitch_rad + 0.06 * state.velocity_down_m_s + 0.02 * (state.down_m + 50.0)
+        pitch = asked.pitch_rad + 0.03 * state.velocity_down_m_s + 0.006 * (state.down_m + 50.0)
         speed_loop = asked.throttle + 0.2 * (SPEEDS[name] - state.airspeed_m_s)
         state = told(state, bank / parameters.roll_gain, pitch, speed_loop) if n % 5 == 0 else state
         before = state
         state = step(parameters, state, CALM, DT_S)
-        if n > 2000:
+        if n > 4000:
             turning = sin(state.heading_rad - before.heading_rad) / DT_S * state.airspeed_m_s
             carried = GRAVITY_M_S2 - (state.velocity_down_m_s - before.velocity_down_m_s) / DT_S
             ratios.append(turning / (carried * tan(bank)))

@@ -27,8 +27,8 @@ MARGIN: Final = 0.5
 K_MOST_PER_S: Final = 1.0
 #: Near the path speed changes by no more than this.
 CHANGE_M_S: Final = 1.0
-#: The same for the turn around a bank, whose lags are known to the handling.
-MARGIN_AIRPLANE: Final = 0.65
+#: The same for the turn around a bank: ArduPlane's swings pitch and load as well, a cycle at 0.65.
+MARGIN_AIRPLANE: Final = 0.35
 #: No airplane was flown with more.
 RHO_AIRPLANE_MOST_PER_S: Final = 1.8
 COURSE_PART: Final = 1.0 / 3.0

@@ -6,14 +6,18 @@ two (`*_lag2_s` > 0: the rate itself follows, which overshoots), a slew limit, a
 
     w' = (limit((gain u + offset - y)/lag, +-slew) - w)/lag2        y' = w
 
+An autopilot adds the pitch rate that a turn needs, g tan(phi) sin(phi)/V, and what it makes of rates is not
+1: `pitch_turning` of it too much raises the nose (in a pitch with two lags), and every swing of the bank
+swings the pitch, and with it the load.
+
 The body is a point with mass in moving air. With v_a = v - wind, V = |v_a|, gamma its angle above the
 horizontal and alpha = (pitch - gamma)/cos(roll), which is sin(gamma) = cos(alpha) sin(pitch) -
 sin(alpha) cos(roll) cos(pitch) for small angles, per mass:
 
 - lift g (alpha - alpha_zero) V^2/alpha_per_load, so that load factor n takes the angle of attack
   alpha_zero + alpha_per_load n/V^2; below `stall_m_s` sqrt(n) it gives no more, and drag doubles;
-- of its part to the side only `bank_effectiveness` turns the airplane: without a coordinated rudder the rest
-  goes into the slip;
+- without a coordinated rudder gravity slips it into the turn, and the fuselage pushes back, by
+  (1 - `bank_effectiveness`) g tan(phi): of a level turn `bank_effectiveness` is left, of a load beyond it all;
 - thrust `thrust_m_s2` times throttle, which follows its command with a lag;
 - drag `drag_per_m` V^2 + `induced_m3_s4` n^2/V^2.
 
@@ -22,7 +26,7 @@ The nose points into the wind that it feels: the heading is that of v_a.
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, hypot, inf, sin, sqrt
+from math import asin, atan2, cos, hypot, inf, sin, sqrt, tan
 from typing import Final, NamedTuple
 
 from sitl.models.gusts import Wind
@@ -53,6 +57,7 @@ class Parameters(NamedTuple):
     pitch_lag2_s: float
     pitch_gain: float
     pitch_offset_rad: float
+    pitch_turning: float
     throttle_delay_s: float
     throttle_lag_s: float
     roll_max_rad: float
@@ -229,10 +234,14 @@ def _rates(p: Parameters, y: Rates, roll: float, pitch: float, throttle: float, 
         drag *= 2.0
     along = p.thrust_m_s2 * y[10] - drag
     up = GRAVITY_M_S2 * n * cos(y[6])
-    right = p.bank_effectiveness * GRAVITY_M_S2 * n * sin(y[6])
+    slip = (1.0 - p.bank_effectiveness) / max(cos(y[6]), 0.1)
+    right = GRAVITY_M_S2 * (n - slip) * sin(y[6])
 
     roll_rate, roll_change = _followed(roll, y[6], y[7], p.roll_lag_s, p.roll_lag2_s, p.roll_slew_rad_s)
     pitch_rate, pitch_change = _followed(pitch, y[8], y[9], p.pitch_lag_s, p.pitch_lag2_s, p.pitch_slew_rad_s)
+    if p.pitch_lag2_s > 0.0:
+        turned = GRAVITY_M_S2 / speed * tan(y[6]) * sin(y[6])
+        pitch_change += p.pitch_turning * turned / p.pitch_lag2_s
     return (
         y[3],
         y[4],

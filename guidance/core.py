@@ -21,6 +21,7 @@ from guidance.cautions import Cautions
 from guidance.commanding import command_of
 from guidance.commands import Order, text_of
 from guidance.component import shown
+from guidance.condition import Condition
 from guidance.config import Config, parse_connection, profile_of
 from guidance.engagement import Change, Engagement
 from guidance.estimate import Estimator
@@ -96,6 +97,7 @@ class Guide:
         self._estimator = Estimator(self.profile.project)
         self.fitting = Fitting(config, self.profile, self.link, self.tracker)
         self.cautions = Cautions()
+        self.condition = Condition()
         self.guards = Guards(config, self.profile, self.link, self.tracker)
         self.steering = Steering(
             config, self.connection, self.link, self.tracker, self._estimator, self.guards
@@ -219,6 +221,7 @@ class Guide:
             self._estimator.reset()
             self.guards.rebooted()
             self.fitting.rebooted()
+            self.condition.rebooted()
             self._told.event(Level.ERROR, "reboot", "the autopilot rebooted", now_ns)
             self._watch_ns = now_ns
         if isinstance(body, StateBody):
@@ -229,6 +232,7 @@ class Guide:
             stream.arrived(now_ns, valid=True)
         self.guards.heard(body)
         self.fitting.heard(received, now_ns)
+        self.condition.heard(body)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)
@@ -241,7 +245,8 @@ class Guide:
             self._watch_ns = now_ns  # look at once: the pilot may have switched, the frame may have moved
 
     def _take_sample(self, name: str, body: StateBody, now_ns: int) -> None:
-        refused = take_state(self.link, self._estimator, name, body, now_ns)
+        blind = self.condition.no_position is not None
+        refused = take_state(self.link, self._estimator, name, body, now_ns, dead_reckoned=blind)
         if refused is None and not isinstance(body, LocalPositionNed | GlobalPositionInt):
             self.steering.pace.attitude_came(now_ns)
 
@@ -283,7 +288,15 @@ class Guide:
                 self._told.event(Level.WARNING, "caution", text, now_ns)
                 self.link.outbox.long_text(SEVERITY[Level.WARNING], text)
         blocked = first_unmet(
-            self.config, self.profile, self.link, self.tracker, estimate, now_ns, engaging, unfit
+            self.config,
+            self.profile,
+            self.link,
+            self.tracker,
+            self.condition,
+            estimate,
+            now_ns,
+            engaging,
+            unfit,
         )
         self.guards.look(estimate, self.engagement.state, now_ns)
         modes = self.link.streams.get("CURRENT_MODE")

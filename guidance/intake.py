@@ -7,7 +7,7 @@ from guidance.connection import Connection
 from guidance.estimate import Estimator
 from guidance.mavlink.budget import affords_odometry
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.messages import StateBody
+from guidance.mavlink.messages import GlobalPositionInt, StateBody
 from guidance.mavlink.profiles import Profile
 from guidance.mavlink.streams import Stream, wanted_streams
 
@@ -21,19 +21,29 @@ def streams_at(rate_hz: float, config: Config, profile: Profile, connection: Con
         config.link.position_timeout_s,
         profile.mode_hz,
         odometry=profile.odometry and affordable,
-        air=profile.air,
+        air=profile.air + profile.condition,
     )
 
 
 def take_state(
-    link: AutopilotLink, estimator: Estimator, name: str, body: StateBody, now_ns: int
+    link: AutopilotLink,
+    estimator: Estimator,
+    name: str,
+    body: StateBody,
+    now_ns: int,
+    *,
+    dead_reckoned: bool = False,
 ) -> str | None:
     """Hand a sample to the estimator at the instant of its measurement; why it was refused, None if taken.
 
-    Its stream learns of it; a refusal is counted, but for one that another source makes needless.
+    `dead_reckoned` says that the autopilot's estimator holds no position: ArduPilot's GLOBAL_POSITION_INT
+    goes on then, by what it was. Its stream learns of it; a refusal is counted, but for one that another
+    source makes needless.
     """
     refused: str | None = "before_time_sync"
-    if link.clock.synced(now_ns):
+    if dead_reckoned and isinstance(body, GlobalPositionInt):
+        refused = "dead_reckoned"
+    elif link.clock.synced(now_ns):
         instant_ns = link.clock.to_local_ns(body.since_boot_ns)
         refused = estimator.take(body, instant_ns, now_ns, link.origin)
     stream = link.streams.get(name)

@@ -6,6 +6,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.condition import Condition
 from guidance.config import Config, Link
 from guidance.connection import Connection
 from guidance.estimate import ATTITUDES, POSITIONS, Estimate
@@ -51,6 +52,7 @@ def first_unmet(
     profile: Profile,
     link: AutopilotLink,
     tracker: Tracker,
+    condition: Condition,
     estimate: Estimate | str,
     now_ns: int,
     engaging: bool,
@@ -79,8 +81,13 @@ def first_unmet(
             verdict = _none_usable(wanted)
             if verdict is not None:
                 return verdict
+        if condition.no_position is not None:
+            return condition.no_position
         if parameters is not None:
             return parameters
+        grounded = condition.not_flying(profile, beat)
+        if grounded is not None:
+            return grounded
     if isinstance(estimate, str):
         return estimate
     position = estimate.pose.position

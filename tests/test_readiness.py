@@ -49,7 +49,8 @@ def measured(attitude_ms: int, position_ms: int) -> Estimate:
 
 def unmet(guide: Guide, now_ns: int, state: Estimate | str, *, engaging: bool = False) -> str | None:
     """What stands in the way."""
-    return first_unmet(guide.config, guide.profile, guide.link, guide.tracker, state, now_ns, engaging)
+    g = guide
+    return first_unmet(g.config, g.profile, g.link, g.tracker, g.condition, state, now_ns, engaging)
 
 
 def test_a_state_may_be_used_while_attitude_and_position_are_young() -> None:

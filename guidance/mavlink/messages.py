@@ -218,6 +218,12 @@ class EkfStatusReport(NamedTuple):
     flags: int
 
 
+class ExtendedSysState(NamedTuple):
+    """EXTENDED_SYS_STATE (245): a MAV_LANDED_STATE."""
+
+    landed_state: int
+
+
 class ParamValue(NamedTuple):
     """PARAM_VALUE (22): `param_value` is its four bytes, which need not be those of a float."""
 
@@ -260,6 +266,7 @@ Body = (
     | BatteryStatus
     | EstimatorStatus
     | EkfStatusReport
+    | ExtendedSysState
     | ParamValue
     | NamedValueFloat
     | CurrentMode
@@ -285,6 +292,7 @@ _READ: Final[dict[str, type[Body]]] = {
     "BATTERY_STATUS": BatteryStatus,
     "ESTIMATOR_STATUS": EstimatorStatus,
     "EKF_STATUS_REPORT": EkfStatusReport,
+    "EXTENDED_SYS_STATE": ExtendedSysState,
     "PARAM_VALUE": ParamValue,
     "NAMED_VALUE_FLOAT": NamedValueFloat,
     "CURRENT_MODE": CurrentMode,

@@ -155,6 +155,13 @@ class Profile(NamedTuple):
         return beat.autopilot == self.autopilot and beat.type in self.vehicle_types
 
     @property
+    def condition(self) -> tuple[tuple[str, float], ...]:
+        """The messages that tell of its condition (`guidance.condition`), with their rates in Hz."""
+        ekf = (("EKF_STATUS_REPORT", 5.0),) if self.firmware == "ArduPilot" else ()
+        landed = (("EXTENDED_SYS_STATE", 5.0),) if self.handling is Handling.VELOCITY else ()
+        return ekf + landed
+
+    @property
     def exits(self) -> tuple[str, ...]:
         """The names of the modes in which it can be left."""
         names = [mode.name for mode in self.modes if mode != self.control_mode]

@@ -17,7 +17,7 @@ sin(alpha) cos(roll) cos(pitch) for small angles, per mass:
 - lift g (alpha - alpha_zero) V^2/alpha_per_load, so that load factor n takes the angle of attack
   alpha_zero + alpha_per_load n/V^2; below `stall_m_s` sqrt(n) it gives no more, and drag doubles;
 - without a coordinated rudder gravity slips it into the turn, and the fuselage pushes back, by
-  (1 - `bank_effectiveness`) g tan(phi): of a level turn `bank_effectiveness` is left, of a load beyond it all;
+  (1 - `bank_effectiveness`) g tan(phi): of a level turn `bank_effectiveness` is left, of load beyond it all;
 - thrust `thrust_m_s2` times throttle, which follows its command with a lag;
 - drag `drag_per_m` V^2 + `induced_m3_s4` n^2/V^2.
 

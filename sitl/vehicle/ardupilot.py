@@ -128,6 +128,11 @@ class ArduPilot(Autopilot):
         """Whether it may be disarmed without force."""
         return True
 
+    @property
+    def landed_state(self) -> int:
+        """A MAV_LANDED_STATE, for EXTENDED_SYS_STATE."""
+        return 1 if self.landed else 2
+
     def may_arm(self) -> str:
         """Why not in this mode; empty if it may."""
         return ""

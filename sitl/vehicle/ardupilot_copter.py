@@ -75,6 +75,9 @@ COS_MIN: Final = 0.5
 #: It rises so long after the command (recorded: 3 s of spooling up).
 SPOOL_NS: Final = 3_000_000_000
 
+#: A take-off is over so close (m) below its height.
+CLIMBED_M: Final = 0.5
+
 
 class AttitudeTarget(NamedTuple):
     """An attitude (none: rates alone), rates to add, and a climb rate, or with `raw` a thrust."""
@@ -126,6 +129,7 @@ class ArduCopter(ArduPilot):
         self._height_ns = 0
         self._pilot: CopterPilot | None = None
         self._rising_ns: int | None = None
+        self._climbs_to_m = 0.0
 
     # --- setpoints ------------------------------------------------------------------------------------
 
@@ -272,7 +276,8 @@ class ArduCopter(ArduPilot):
         north, east, _ = state.position_ned_m
         self.forget()
         self._rising_ns = self.now_ns
-        self._pilot = CopterPilot(Stand((north, east, self.home_ned_m[2] - height)))
+        self._climbs_to_m = self.home_ned_m[2] - height
+        self._pilot = CopterPilot(Stand((north, east, self._climbs_to_m)))
         return ACCEPTED
 
     def _switched(self, command: Command) -> int:
@@ -318,6 +323,15 @@ class ArduCopter(ArduPilot):
     @property
     def landed(self) -> bool:
         return self.body is None or on_ground(self.body)
+
+    @property
+    def landed_state(self) -> int:
+        if self.landed or self.body is None:
+            return 1
+        if self.custom_mode == LAND:
+            return 4
+        climbs = self._rising_ns is not None and self.custom_mode == GUIDED
+        return 3 if climbs and self.body.position_ned_m[2] > self._climbs_to_m + CLIMBED_M else 2
 
     def select_mode(self, custom_mode: int) -> int:
         if custom_mode == AUTO:

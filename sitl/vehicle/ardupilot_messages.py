@@ -52,6 +52,7 @@ def ardupilot_builders(pilot: ArduPilot) -> dict[int, Builder]:
         "AUTOPILOT_VERSION": messages.autopilot_version,
         "BATTERY_STATUS": telemetry.battery_status(12600, 100),
         "EKF_STATUS_REPORT": messages.ekf_status_report,
+        "EXTENDED_SYS_STATE": messages.extended_sys_state,
         "GLOBAL_POSITION_INT": messages.global_position_int,
         "GPS_RAW_INT": messages.gps_raw_int,
         "HEARTBEAT": messages.heartbeat,
@@ -109,6 +110,10 @@ class _ArduPilotMessages:
         """EKF_STATUS_REPORT."""
         flags = EKF_FLAGS[self._pilot.estimator_ready]
         return mavlink.MAVLink_ekf_status_report_message(flags, 0.01, 0.01, 0.01, 0.01, 0.0, 0.0)
+
+    def extended_sys_state(self, _: Sample) -> Any:
+        """EXTENDED_SYS_STATE: no VTOL; only on request."""
+        return mavlink.MAVLink_extended_sys_state_message(0, self._pilot.landed_state)
 
     def gps_raw_int(self, s: Sample) -> Any:
         """GPS_RAW_INT: no fix before the estimator is ready, then RTK fixed as in the simulator."""

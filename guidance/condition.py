@@ -1,0 +1,62 @@
+"""What the autopilot says of itself beside its state: whether it flies, and what its estimator holds.
+
+A copter that stands is not flown, nor one that takes off: setpoints break a take-off off. EXTENDED_SYS_STATE
+says which; where it never came, HEARTBEAT's status, which is ACTIVE in the air (ArduPilot) or armed (PX4).
+
+ArduPilot goes on without a position of its estimator: by dead reckoning, which GLOBAL_POSITION_INT shows as
+if nothing had happened. EKF_STATUS_REPORT tells; where it never came, nothing is withheld.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance.mavlink.messages import Body, EkfStatusReport, ExtendedSysState, Heartbeat
+from guidance.mavlink.profiles import Handling, Profile
+
+_NOT_FLYING: Final[dict[int, str]] = {
+    dialect.MAV_LANDED_STATE_ON_GROUND: "stands on the ground",
+    dialect.MAV_LANDED_STATE_TAKEOFF: "takes off",
+    dialect.MAV_LANDED_STATE_LANDING: "lands",
+}
+_NO_POSITION: Final = dialect.EKF_CONST_POS_MODE | dialect.EKF_UNINITIALIZED
+_POSITION: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
+
+
+class Condition:
+    """The newest of what it says."""
+
+    def __init__(self) -> None:
+        self.rebooted()
+
+    def rebooted(self) -> None:
+        """Nothing is known of another autopilot."""
+        self._landed_state = dialect.MAV_LANDED_STATE_UNDEFINED
+        self._flags: int | None = None
+
+    def heard(self, body: Body) -> None:
+        """A message; others than the two are not looked at."""
+        if isinstance(body, ExtendedSysState):
+            self._landed_state = body.landed_state
+        elif isinstance(body, EkfStatusReport):
+            self._flags = body.flags
+
+    def not_flying(self, profile: Profile, beat: Heartbeat) -> str | None:
+        """Why a copter must not be taken over yet; None of one that flies, and of what is no copter."""
+        if profile.handling is not Handling.VELOCITY:
+            return None
+        if self._landed_state == dialect.MAV_LANDED_STATE_UNDEFINED:
+            doing = None if beat.system_status == dialect.MAV_STATE_ACTIVE else "is not known to fly"
+        else:
+            doing = _NOT_FLYING.get(self._landed_state)
+        return None if doing is None else f"it {doing}: a copter is taken over in the air, after its take-off"
+
+    @property
+    def no_position(self) -> str | None:
+        """Why the autopilot's position is none."""
+        flags = self._flags
+        if flags is None or (flags & _POSITION and not flags & _NO_POSITION):
+            return None
+        return f"the autopilot's estimator holds no position (EKF_STATUS_REPORT {flags}): has it GPS?"

@@ -1,0 +1,129 @@
+"""What the autopilot says of itself: whether a copter flies, whether ArduPilot holds a position."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import all as dialect
+
+from guidance.condition import Condition
+from guidance.config import load
+from guidance.mavlink.messages import EkfStatusReport, ExtendedSysState, Heartbeat
+from guidance.mavlink.profiles import PROFILES
+from guidance.records import State as StateRecord
+from guidance.supervisor import State
+from sitl.lockstep import Lockstep
+from sitl.vehicle.ardupilot_messages import EKF_FLAGS
+from tests.helpers import ROVER, fly_until_tracking, make_flight, records_of, state_of
+
+DEPLOY = Path(__file__).parents[1] / "deploy"
+STANDBY, ACTIVE = dialect.MAV_STATE_STANDBY, dialect.MAV_STATE_ACTIVE
+
+
+def beat(status: int) -> Heartbeat:
+    """A quadrotor's."""
+    return Heartbeat(dialect.MAV_TYPE_QUADROTOR, 3, 0, 4, status)
+
+
+@pytest.mark.parametrize(
+    ("landed_state", "says"), [(1, "stands on the ground"), (3, "takes off"), (4, "lands"), (2, None)]
+)
+def test_a_copter_is_taken_over_in_the_air(landed_state: int, says: str | None) -> None:
+    condition = Condition()
+    condition.heard(ExtendedSysState(landed_state))
+    why = condition.not_flying(PROFILES["ardupilot-copter"], beat(ACTIVE))
+    assert (why is None) if says is None else (why is not None and says in why)
+    assert condition.not_flying(PROFILES["ardupilot-rover"], beat(ACTIVE)) is None
+
+
+@pytest.mark.parametrize("said", [(), (ExtendedSysState(0),)])
+def test_without_the_message_the_heartbeat_says_whether_it_flies(said: tuple[ExtendedSysState, ...]) -> None:
+    condition = Condition()
+    for body in said:
+        condition.heard(body)
+    copter = PROFILES["ardupilot-copter"]
+    assert condition.not_flying(copter, beat(ACTIVE)) is None
+    assert "not known to fly" in str(condition.not_flying(copter, beat(STANDBY)))
+
+
+def test_a_reboot_forgets() -> None:
+    condition = Condition()
+    condition.heard(ExtendedSysState(2))
+    condition.heard(EkfStatusReport(EKF_FLAGS[False]))
+    condition.rebooted()
+    assert condition.no_position is None
+    assert condition.not_flying(PROFILES["px4-copter"], beat(STANDBY)) is not None
+
+
+@pytest.mark.parametrize(
+    ("flags", "good"),
+    [
+        (831, True),
+        (8, True),
+        (16, True),
+        (EKF_FLAGS[False], False),
+        (831 | 128, False),
+        (831 | 1024, False),
+        (7, False),
+    ],
+)
+def test_a_position_is_held_relative_or_absolute_and_not_a_constant(flags: int, good: bool) -> None:
+    condition = Condition()
+    assert condition.no_position is None, "who never says so is believed"
+    condition.heard(EkfStatusReport(flags))
+    assert (condition.no_position is None) is good
+
+
+def copter(profile: str, **options: object) -> Lockstep:
+    """As it ships, from the ground unless said otherwise."""
+    config = load(DEPLOY / f"{profile}.toml", ('flight.origin="engage"',))
+    return make_flight(config=config, **options)
+
+
+@pytest.mark.parametrize("profile", ["ardupilot-copter", "px4-copter"])
+def test_a_copter_on_the_ground_is_not_ready(profile: str) -> None:
+    flight = copter(profile)
+    flight.run(12.0)
+    assert state_of(flight) is State.CONNECTED
+    assert "stands on the ground" in flight.guide.engagement.reason
+
+
+@pytest.mark.parametrize("profile", ["ardupilot-copter", "px4-copter"])
+def test_a_copter_in_the_air_is_ready(profile: str) -> None:
+    flight = copter(profile, airborne=True)
+    assert flight.run(12.0, until=lambda: state_of(flight) is State.READY), flight.guide.engagement.reason
+
+
+def test_arducopters_take_off_in_guided_is_not_broken_off() -> None:
+    """GUIDED, arm, NAV_TAKEOFF to 10 m: not one setpoint, and ready above."""
+    flight = copter("ardupilot-copter")
+    flight.run(12.0)
+    pilot = flight.vehicle._pilot
+    pilot.select_mode(4)
+    pilot.arm(forced=False)
+    pilot._takeoff(_Takeoff())  # type: ignore[attr-defined]
+    flight.run(5.0)  # the motors spool up first
+    assert "takes off" in flight.guide.engagement.reason
+    flight.run(12.0)
+    assert flight.truth().position_ned_m[2] < -9.0
+    assert flight.guide.setpoints_sent == 0
+    assert state_of(flight) is State.READY
+
+
+class _Takeoff:
+    params = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 10.0)
+
+
+def test_a_rover_is_not_driven_by_dead_reckoning() -> None:
+    """No position: LOCAL_POSITION_NED stops, GLOBAL_POSITION_INT goes on and is not used."""
+    flight = make_flight(*ROVER, "trajectory.name=circle")
+    fly_until_tracking(flight)
+    flight.run(5.0)
+    lost_ns = flight.now_ns
+    flight.guide.condition.heard(EkfStatusReport(EKF_FLAGS[False]))
+    flight.vehicle.withhold("LOCAL_POSITION_NED", "EKF_STATUS_REPORT")
+    flight.run(3.0)
+    sources = {state.position_source for state in records_of(flight, StateRecord, lost_ns)}
+    assert sources == {"LOCAL_POSITION_NED"}
+    assert state_of(flight) is not State.TRACKING

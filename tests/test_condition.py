@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import all as dialect
@@ -75,7 +76,7 @@ def test_a_position_is_held_relative_or_absolute_and_not_a_constant(flags: int, 
     assert (condition.no_position is None) is good
 
 
-def copter(profile: str, **options: object) -> Lockstep:
+def copter(profile: str, **options: Any) -> Lockstep:
     """As it ships, from the ground unless said otherwise."""
     config = load(DEPLOY / f"{profile}.toml", ('flight.origin="engage"',))
     return make_flight(config=config, **options)

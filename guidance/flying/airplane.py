@@ -318,15 +318,15 @@ class Airplane:
 def _too_slow(
     p: Parameters, velocity_ned_m_s: Vec3, airspeed_m_s: float, wind_ned_m_s: Vec3 | None
 ) -> str | None:
-    """Why nothing can be flown by this airspeed."""
+    """Why nothing can be flown by this airspeed, in words that stay as long as the reason does."""
     airspeed, least = airspeed_m_s, p.envelope.airspeed_min_m_s
     if wind_ned_m_s is not None:
         through = norm(subtract(velocity_ned_m_s, wind_ned_m_s))
         wind = airplane_wind.Memory(wind_ned_m_s.x, wind_ned_m_s.y, True)
         if airspeed != airplane_wind.believed_m_s(wind, velocity_ned_m_s, airspeed, inf):
             return (
-                f"the airspeed is {airspeed:.1f} m/s, but {through:.1f} by velocity and wind: is the "
-                "sensor blocked? Else wait until the autopilot knows the wind"
+                "the airspeed (VFR_HUD) is not that of velocity and wind: is the sensor blocked? Else wait "
+                "until the autopilot knows the wind"
             )
         airspeed = airspeed or through
     if airspeed == 0.0:
@@ -335,7 +335,9 @@ def _too_slow(
             "or an estimate"
         )
     if airspeed < FLIES_PART * least:
-        return f"the airspeed is {airspeed:.1f} m/s, the least {least:.3g}: take off, this only flies"
+        # no number that changes: this stands in `status` as long as it stands on the ground
+        slow = FLIES_PART * least
+        return f"the airspeed is below {slow:.3g} m/s, the least {least:.3g}: take off, this only flies"
     return None
 
 

@@ -35,13 +35,14 @@ class Condition:
         """Nothing is known of another autopilot."""
         self._landed_state = dialect.MAV_LANDED_STATE_UNDEFINED
         self._flags: int | None = None
+        self._flags_ns = 0
 
-    def heard(self, body: Body) -> None:
+    def heard(self, body: Body, now_ns: int) -> None:
         """A message; others than the two are not looked at."""
         if isinstance(body, ExtendedSysState):
             self._landed_state = body.landed_state
         elif isinstance(body, EkfStatusReport):
-            self._flags = body.flags
+            self._flags, self._flags_ns = body.flags, now_ns
 
     def not_flying(self, profile: Profile, beat: Heartbeat) -> str | None:
         """Why a copter must not be taken over yet; None of one that flies, and of what is no copter."""
@@ -52,6 +53,12 @@ class Condition:
         else:
             doing = _NOT_FLYING.get(self._landed_state)
         return None if doing is None else f"it {doing}: a copter is taken over in the air, after its take-off"
+
+    def doubted(self, local_ns: int | None) -> bool:
+        """Whether GLOBAL_POSITION_INT may be dead reckoning: none is held, or nothing was said of that since
+        the newest LOCAL_POSITION_NED (at `local_ns`), which ends at that very instant."""
+        unsaid = self._flags is not None and local_ns is not None and self._flags_ns <= local_ns
+        return unsaid or self.no_position is not None
 
     @property
     def no_position(self) -> str | None:

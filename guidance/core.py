@@ -232,7 +232,7 @@ class Guide:
             stream.arrived(now_ns, valid=True)
         self.guards.heard(body)
         self.fitting.heard(received, now_ns)
-        self.condition.heard(body)
+        self.condition.heard(body, now_ns)
         if isinstance(body, CommandAck) and body.command in _COMMANDS:
             self.engagement.answered(body, now_ns)
             self._words.acknowledged(body)
@@ -245,8 +245,7 @@ class Guide:
             self._watch_ns = now_ns  # look at once: the pilot may have switched, the frame may have moved
 
     def _take_sample(self, name: str, body: StateBody, now_ns: int) -> None:
-        blind = self.condition.no_position is not None
-        refused = take_state(self.link, self._estimator, name, body, now_ns, dead_reckoned=blind)
+        refused = take_state(self.link, self._estimator, name, body, now_ns, condition=self.condition)
         if refused is None and not isinstance(body, LocalPositionNed | GlobalPositionInt):
             self.steering.pace.attitude_came(now_ns)
 

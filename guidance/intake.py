@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from guidance.condition import Condition
 from guidance.config import Config
 from guidance.connection import Connection
 from guidance.estimate import Estimator
@@ -32,17 +33,18 @@ def take_state(
     body: StateBody,
     now_ns: int,
     *,
-    dead_reckoned: bool = False,
+    condition: Condition | None = None,
 ) -> str | None:
     """Hand a sample to the estimator at the instant of its measurement; why it was refused, None if taken.
 
-    `dead_reckoned` says that the autopilot's estimator holds no position: ArduPilot's GLOBAL_POSITION_INT
-    goes on then, by what it was. Its stream learns of it; a refusal is counted, but for one that another
-    source makes needless.
+    By the autopilot's `condition` a GLOBAL_POSITION_INT may be of no use. Its stream learns of it; a refusal
+    is counted, but for one that another source makes needless.
     """
     refused: str | None = "before_time_sync"
-    if dead_reckoned and isinstance(body, GlobalPositionInt):
-        refused = "dead_reckoned"
+    local = link.streams.get("LOCAL_POSITION_NED")
+    local_ns = None if local is None else local.last_ns
+    if isinstance(body, GlobalPositionInt) and condition is not None and condition.doubted(local_ns):
+        refused = "not_needed" if condition.no_position is None else "dead_reckoned"
     elif link.clock.synced(now_ns):
         instant_ns = link.clock.to_local_ns(body.since_boot_ns)
         refused = estimator.take(body, instant_ns, now_ns, link.origin)

@@ -32,7 +32,7 @@ def beat(status: int) -> Heartbeat:
 )
 def test_a_copter_is_taken_over_in_the_air(landed_state: int, says: str | None) -> None:
     condition = Condition()
-    condition.heard(ExtendedSysState(landed_state))
+    condition.heard(ExtendedSysState(landed_state), 0)
     why = condition.not_flying(PROFILES["ardupilot-copter"], beat(ACTIVE))
     assert (why is None) if says is None else (why is not None and says in why)
     assert condition.not_flying(PROFILES["ardupilot-rover"], beat(ACTIVE)) is None
@@ -42,7 +42,7 @@ def test_a_copter_is_taken_over_in_the_air(landed_state: int, says: str | None) 
 def test_without_the_message_the_heartbeat_says_whether_it_flies(said: tuple[ExtendedSysState, ...]) -> None:
     condition = Condition()
     for body in said:
-        condition.heard(body)
+        condition.heard(body, 0)
     copter = PROFILES["ardupilot-copter"]
     assert condition.not_flying(copter, beat(ACTIVE)) is None
     assert "not known to fly" in str(condition.not_flying(copter, beat(STANDBY)))
@@ -50,8 +50,8 @@ def test_without_the_message_the_heartbeat_says_whether_it_flies(said: tuple[Ext
 
 def test_a_reboot_forgets() -> None:
     condition = Condition()
-    condition.heard(ExtendedSysState(2))
-    condition.heard(EkfStatusReport(EKF_FLAGS[False]))
+    condition.heard(ExtendedSysState(2), 0)
+    condition.heard(EkfStatusReport(EKF_FLAGS[False]), 0)
     condition.rebooted()
     assert condition.no_position is None
     assert condition.not_flying(PROFILES["px4-copter"], beat(STANDBY)) is not None
@@ -72,7 +72,7 @@ def test_a_reboot_forgets() -> None:
 def test_a_position_is_held_relative_or_absolute_and_not_a_constant(flags: int, good: bool) -> None:
     condition = Condition()
     assert condition.no_position is None, "who never says so is believed"
-    condition.heard(EkfStatusReport(flags))
+    condition.heard(EkfStatusReport(flags), 0)
     assert (condition.no_position is None) is good
 
 
@@ -116,13 +116,36 @@ class _Takeoff:
     params = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 10.0)
 
 
+def test_a_rover_is_not_driven_by_dead_reckoning_that_nobody_has_told_of_yet() -> None:
+    """LOCAL_POSITION_NED stops before the EKF_STATUS_REPORT that says why."""
+    flight = make_flight(*ROVER, "trajectory.name=circle")
+    fly_until_tracking(flight)
+    flight.run(5.0)
+    lost_ns = flight.now_ns
+    flight.vehicle.withhold("LOCAL_POSITION_NED", "EKF_STATUS_REPORT")
+    flight.run(3.0)
+    sources = {state.position_source for state in records_of(flight, StateRecord, lost_ns)}
+    assert sources == {"LOCAL_POSITION_NED"}
+    assert state_of(flight) is not State.TRACKING
+
+
+def test_a_rover_is_driven_by_global_positions_that_the_estimator_holds() -> None:
+    flight = make_flight(*ROVER, "trajectory.name=circle")
+    fly_until_tracking(flight)
+    flight.run(5.0)
+    flight.vehicle.withhold("LOCAL_POSITION_NED")
+    flight.run(3.0)
+    assert state_of(flight) is State.TRACKING
+    assert records_of(flight, StateRecord)[-1].position_source == "GLOBAL_POSITION_INT"
+
+
 def test_a_rover_is_not_driven_by_dead_reckoning() -> None:
     """No position: LOCAL_POSITION_NED stops, GLOBAL_POSITION_INT goes on and is not used."""
     flight = make_flight(*ROVER, "trajectory.name=circle")
     fly_until_tracking(flight)
     flight.run(5.0)
     lost_ns = flight.now_ns
-    flight.guide.condition.heard(EkfStatusReport(EKF_FLAGS[False]))
+    flight.guide.condition.heard(EkfStatusReport(EKF_FLAGS[False]), flight.now_ns)
     flight.vehicle.withhold("LOCAL_POSITION_NED", "EKF_STATUS_REPORT")
     flight.run(3.0)
     sources = {state.position_source for state in records_of(flight, StateRecord, lost_ns)}

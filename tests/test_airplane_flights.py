@@ -110,7 +110,8 @@ def test_without_the_learned_effectiveness_it_flies_wide() -> None:
     stubborn = plane._replace(guide=plane.guide._replace(bank=plane.guide.bank._replace(per_s=0.0)))
     circle = scenario(20, CALM_CIRCLE)
     learned = figures(flown(plane, circle, 1, compiled(fly)))
-    assert figures(flown(stubborn, circle, 1, compiled(fly))).rms_m > 4.0 * learned.rms_m
+    # NaN where it never comes within 3 m
+    assert not figures(flown(stubborn, circle, 1, compiled(fly))).rms_m <= 4.0 * learned.rms_m
 
 
 def test_waiting_halves_the_way_back() -> None:

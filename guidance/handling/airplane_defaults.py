@@ -87,8 +87,8 @@ def handling(airframe: Airframe, *, waits: bool = False) -> airplane.Parameters:
     thrust = GRAVITY_M_S2 * f.climb_full_m_s / (v * (1.0 - f.throttle_cruise))
     drag = thrust * f.throttle_cruise
     alpha_per_load = ALPHA_AT_LEAST_RAD * f.airspeed_min_m_s * f.airspeed_min_m_s
-    # ArduPlane's bank swings its pitch too: with 0.65 that was a limit cycle, half as much again as 0.35 none
-    rho = min(TURN_PER_S, 0.35 / f.lag_s)
+    # ArduPlane's bank swings its pitch too: with 0.65 that was a limit cycle
+    rho = min(TURN_PER_S, 0.4 / f.lag_s)
     power = min(THROTTLE_PER_S, 0.65 / f.lag_s, 0.6 / f.throttle_lag_s)
     k = min(FIELD_PER_S, 0.62 * rho, 0.6 * power)
     return airplane.Parameters(

@@ -115,9 +115,13 @@ class AirplaneBody(GridBody[AirplaneState]):
         r = _body_rates(flight, _turn_rate(p, flight, wind))[2]
         roll_rate = along + (across * sin(roll) + r * cos(roll)) * tan(pitch)
         pitch_rate = across * cos(roll) - r * sin(roll)
+        # what the model's turn raises is of its pursuit of angles, not of rates
+        turned = airplane.GRAVITY_M_S2 / max(flight.airspeed_m_s, airplane.STILL_M_S) * tan(roll) * sin(roll)
+        raised = p.pitch_turning * turned * p.pitch_lag_s if p.pitch_lag2_s > 0.0 else 0.0
         return Attitude(
             (roll + roll_rate * (p.roll_delay_s + p.roll_lag_s) - p.roll_offset_rad) / p.roll_gain,
-            (pitch + pitch_rate * (p.pitch_delay_s + p.pitch_lag_s) - p.pitch_offset_rad) / p.pitch_gain,
+            (pitch + pitch_rate * (p.pitch_delay_s + p.pitch_lag_s) - raised - p.pitch_offset_rad)
+            / p.pitch_gain,
             asked.throttle,
         )
 
@@ -147,7 +151,8 @@ def _turn_rate(p: airplane.Parameters, flight: airplane.State, wind: Wind) -> fl
     speed = hypot(level, down)
     alpha = (flight.pitch_rad + asin(down / speed)) / max(cos(flight.roll_rad), 0.1)
     load, _ = airplane.load_factor(p, speed, alpha)
-    return p.bank_effectiveness * airplane.GRAVITY_M_S2 * load * sin(flight.roll_rad) / level
+    slip = (1.0 - p.bank_effectiveness) / max(cos(flight.roll_rad), 0.1)
+    return airplane.GRAVITY_M_S2 * (load - slip) * sin(flight.roll_rad) / level
 
 
 def _body_rates(flight: airplane.State, turn_rate: float) -> Triple:

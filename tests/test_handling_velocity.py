@@ -289,3 +289,23 @@ def test_nothing_is_unbounded_by_default() -> None:
         assert parameters.limits.speed_max_m_s < inf
         assert parameters.limits.acceleration_m_s2 < inf
         assert parameters.vertical_acceleration_m_s2 < inf
+
+
+@pytest.mark.parametrize("period_s", (inf, 15.0))
+def test_a_velocity_that_is_measured_wrong_leads_nowhere(period_s: float) -> None:
+    """PX4's estimator has the velocity 0.4 m/s wrong for seconds in PX4's own simulator, and flies that."""
+    position, flown, memory, worst = ZERO, ZERO, UNSTARTED, 0.0
+    for n in range(2000):
+        t = n * DT
+        wrong = Vec3(0.4 * cos(2.0 * pi * t / period_s), -0.3, 0.2)
+        memory, demand, _ = velocity_step(PX4, memory, seen(position, 0.0, _sum(flown, wrong)), STANDING, DT)
+        # the autopilot makes the velocity that it sees what was asked for
+        flown = _sum(demand.velocity_ned_m_s, wrong, -1.0)
+        position = _sum(position, flown, DT)
+        if t > 15.0:
+            worst = max(worst, hypot(position.x, position.y, position.z))
+    assert worst < 0.15
+
+
+def _sum(a: Vec3, b: Vec3, scale: float = 1.0) -> Vec3:
+    return Vec3(a.x + scale * b.x, a.y + scale * b.y, a.z + scale * b.z)

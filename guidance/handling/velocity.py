@@ -24,6 +24,7 @@ from guidance.se3 import (
     Reference,
     Twist,
     Vec3,
+    add,
     body_axes,
     dot,
     from_yaw,
@@ -120,7 +121,7 @@ def velocity_step(
     if not memory.started:
         memory = _begun(p, yaw, velocity, measured.seen_yaw_rate_rad_s)
     smooth = smoothing.smoothing_step(p.smoothing, memory.smoothing, measured.pose.position, velocity, dt)
-    position = smooth.position
+    position, velocity = smooth.position, subtract(velocity, smooth.error)
 
     clock = waiting.waiting_step(p.waiting, memory.waiting, position, reference, dt)
     r = waiting.on_clock(reference, memory.waiting.rate, (clock.rate - memory.waiting.rate) / dt)
@@ -144,6 +145,7 @@ def velocity_step(
         acceleration, p.limits.acceleration_m_s2, p.vertical_acceleration_m_s2, p.vertical_acceleration_m_s2
     )
     learned, asked = response.response_step(p.response, memory.response, wanted, acceleration, short, dt)
+    asked = add(asked, smooth.error)  # the autopilot sees its velocity with that error
     asked = _shortened(asked, p.limits.speed_max_m_s, p.up_max_m_s, p.down_max_m_s)
 
     y, heading, turn, yaw_rate = _nose(p, memory, yaw, Xr, change, dt)

@@ -120,6 +120,21 @@ def test_a_short_dip_of_a_rate_is_nothing_to_tell() -> None:
     assert told == [0, 0, 0, 0, 0, 0, 1, 0]  # one stream is needed for its rate: ODOMETRY
 
 
+def test_a_stream_of_which_any_rate_will_do_does_not_fall_back() -> None:
+    """PX4 sends CURRENT_MODE with each change, and else twice a second, whatever it was asked for."""
+    flight = make_flight()
+    fly_until_tracking(flight)
+    flight.run(2.0)
+    record, link = records_of(flight, Link)[-1], flight.guide.link
+    watch = LineWatch(flight.guide.connection, 50.0, lambda hz: [])
+
+    def with_modes(at_rate: bool) -> Link:
+        streams = (replace(s, at_rate=at_rate) if s.message == "CURRENT_MODE" else s for s in record.streams)
+        return replace(record, streams=tuple(streams))
+
+    assert [watch.news(with_modes(at_rate), link) for at_rate in (True, False, False)] == [[], [], []]
+
+
 def lose_most(stream: str, flight: Any) -> None:
     """Every eighth message of it gets through, as after another program asked for a lower rate."""
     receive, count = flight.guide.receive, [0]

@@ -219,6 +219,16 @@ def test_an_estimator_that_is_not_ready_is_named_and_so_is_what_follows() -> Non
     assert bench.took_s == 5.0
 
 
+def test_px4_that_stands_is_not_taken_for_one_without_position() -> None:
+    """EKF2 sets ESTIMATOR_CONST_POS_MODE of a vehicle at rest, too: 0x3ff on the ground, as recorded of PX4 1.17."""
+    copter = ("vehicle.profile=px4-copter",)
+    bench = Bench(*copter)
+    assert bench.observation.estimator_flags == 0x3BF
+    assert bench.findings()["estimator"].verdict is Verdict.OK
+    bench = Bench(*copter, vehicle={"estimator_ready_s": 60.0}, seconds=5.0)
+    assert bench.bad()["estimator"].found.endswith("anything but a constant position (ESTIMATOR_STATUS 0xe5)")
+
+
 def test_px4_that_would_not_arm_is_named_though_it_does_not_enable_the_bit() -> None:
     bench = Bench(vehicle={"estimator_ready_s": 60.0}, seconds=5.0)
     assert bench.bad()["arming"].found == "its pre-arm checks do not pass, uninit"

@@ -88,7 +88,8 @@ class LineWatch:
             cause = f"the line is full, with {record.received_bytes_per_s:.0f} bytes/s"
         else:
             cause = "another program may have reset it; it is asked for again"
-        needed = {s.message for s in link.streams.all() if link.streams.needed(s, record.t_ns)}
+        streams = (s for s in link.streams.all() if s.insistent)  # PX4 sends CURRENT_MODE as it changes
+        needed = {s.message for s in streams if link.streams.needed(s, record.t_ns)}
         below = needed & {s.message for s in record.streams if s.alive and not s.at_rate}
         fallen = below & self._below & self._were_at_rate
         self._below = below

@@ -25,6 +25,12 @@ GARBAGE_WARN: Final = 0.01
 ROUND_TRIP_WARN_S: Final = 0.1
 
 _FIRMWARE: Final = {row.autopilot: row.firmware for row in PROFILES.values()}
+#: What it means that a message that helps does not come.
+_WITHOUT: Final = {
+    "CURRENT_MODE": "the mode is known from HEARTBEAT only, up to 1 s late",
+    "WIND_COV": "PX4 tells the wind once it estimates it, in the air: the service finds it itself",
+    "VFR_HUD": "it tells the airspeed, without which no airplane is flown",
+}
 #: Of what is wrong with the line, what is no mere warning.
 _PROBLEMS: Final = {
     "two_autopilots": Verdict.FAIL,
@@ -228,7 +234,7 @@ def _stream(stream: Stream, now_ns: int) -> Finding:
     name, rate = stream.message, f"{status.rate_hz:.0f} of {status.wanted_hz:.0f} Hz"
     if not status.alive:
         if not stream.insistent:
-            return warn(name, "does not come", "the mode is known from HEARTBEAT only, up to 1 s late")
+            return warn(name, "does not come", _WITHOUT.get(name, "the autopilot does not tell it"))
         return fail(name, "does not come", "is the estimator ready, does the router forward it?")
     if stream.absent(now_ns):
         return fail(name, f"{rate}, but not usable", "is the estimator ready, are the clocks synchronised?")

@@ -55,12 +55,17 @@ def estimator(seen: Seen) -> Iterator[Finding]:
         yield skip("estimator", f"{name} does not come")
         return
     missing = [words for bits, words in _NEEDED.items() if not flags & bits]
-    if flags & dialect.ESTIMATOR_CONST_POS_MODE:
+    if flags & dialect.ESTIMATOR_CONST_POS_MODE and not _rests(name, flags):
         missing.append("anything but a constant position")
     if missing:
         yield fail("estimator", f"without {', '.join(missing)} ({name} {flags:#x})", _TO_ESTIMATOR)
     else:
         yield ok("estimator", "attitude, velocity and position are good")
+
+
+def _rests(name: str, flags: int) -> bool:
+    """Whether this is PX4 that merely stands: EKF2 calls it constant in position, and still has its sources."""
+    return name == "ESTIMATOR_STATUS" and bool(flags & dialect.ESTIMATOR_PRED_POS_HORIZ_REL)
 
 
 def arming(seen: Seen) -> Iterator[Finding]:

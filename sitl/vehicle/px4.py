@@ -121,6 +121,11 @@ class Px4(Autopilot):
         return self.custom_mode == LAND
 
     @property
+    def at_rest(self) -> bool:
+        """Whether its estimator sees nothing move."""
+        return self.landed_state == LANDED_ON_GROUND
+
+    @property
     def landed_state(self) -> int:
         """EXTENDED_SYS_STATE.landed_state."""
         return LANDED_IN_AIR if self.armed else LANDED_ON_GROUND

@@ -150,8 +150,10 @@ class _Px4Messages:
         )  # fmt: skip
 
     def estimator_status(self, s: Sample) -> Any:
-        """ESTIMATOR_STATUS."""
+        """ESTIMATOR_STATUS; EKF2 counts a vehicle at rest as constant in position (`get_ekf_soln_status`)."""
         flags = ESTIMATOR_FLAGS[self._pilot.estimator_ready]
+        if self._pilot.at_rest:
+            flags |= mavlink.ESTIMATOR_CONST_POS_MODE
         return mavlink.MAVLink_estimator_status_message(
             s.boot_us, flags, 0.01, 0.01, 0.01, 0.01, 0.01, math.nan, 0.1, 0.1
         )

@@ -32,6 +32,11 @@ class Px4Uuv(Px4):
     gives: ClassVar[tuple[type, ...]] = (PlantCommand,)
     parameter_defaults: ClassVar = {**COMMON, **UUV}
 
+    @property
+    def at_rest(self) -> bool:
+        """It floats."""
+        return False
+
     def offboard(self, target: Target | None, state: BodyState) -> Control:
         if not isinstance(target, AttitudeTarget):
             return STOP

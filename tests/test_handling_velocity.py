@@ -291,7 +291,7 @@ def test_nothing_is_unbounded_by_default() -> None:
         assert parameters.vertical_acceleration_m_s2 < inf
 
 
-@pytest.mark.parametrize("period_s", (inf, 15.0))
+@pytest.mark.parametrize("period_s", [inf, 15.0])
 def test_a_velocity_that_is_measured_wrong_leads_nowhere(period_s: float) -> None:
     """PX4's estimator has the velocity 0.4 m/s wrong for seconds in PX4's own simulator, and flies that."""
     position, flown, memory, worst = ZERO, ZERO, UNSTARTED, 0.0

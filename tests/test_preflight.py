@@ -220,7 +220,7 @@ def test_an_estimator_that_is_not_ready_is_named_and_so_is_what_follows() -> Non
 
 
 def test_px4_that_stands_is_not_taken_for_one_without_position() -> None:
-    """EKF2 sets ESTIMATOR_CONST_POS_MODE of a vehicle at rest, too: 0x3ff on the ground, as recorded of PX4 1.17."""
+    """EKF2 sets ESTIMATOR_CONST_POS_MODE of a vehicle at rest, too: 0x3ff on the ground, PX4 1.17."""
     copter = ("vehicle.profile=px4-copter",)
     bench = Bench(*copter)
     assert bench.observation.estimator_flags == 0x3BF

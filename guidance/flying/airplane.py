@@ -21,7 +21,7 @@ from guidance.flying import Caution, Flown
 from guidance.flying.airplane_feasible import abilities_of, cannot_fly
 from guidance.flying.airplane_fit import Fitted, assumed, fitted, thinness
 from guidance.flying.cautioning import about_parameters, about_the_way
-from guidance.handling import airplane, airplane_throttle, airplane_wind
+from guidance.handling import airplane, airplane_throttle, airplane_wind, smoothing
 from guidance.handling.airplane import UNTRIMMED, Measured, Parameters, Trims, airplane_step
 from guidance.handling.airplane_rates import body_rates, turn_rate_rad_s
 from guidance.law import Controls, Evaluation
@@ -35,6 +35,7 @@ from guidance.se3 import (
     Quaternion,
     Reference,
     Vec3,
+    add,
     dot,
     from_euler,
     norm,
@@ -55,6 +56,8 @@ FLIES_PART: Final = 0.5
 #: What is looked at anew when it changes by so much: the air's thinness, and the floor below the origin, m.
 THIN_STEP: Final = 0.01
 FLOOR_STEP_M: Final = 0.5
+#: By which the error of the estimator's velocity is found.
+SMOOTHING: Final = smoothing.Parameters(0.3, 2.0, error_s=smoothing.ERROR_S, error_max_m_s=1.0)
 
 
 class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,6 +74,7 @@ class Airplane:
     def __init__(self, config: Config) -> None:
         self._values: Mapping[str, float] = {}
         self._memory = airplane.unstarted(UNTRIMMED)
+        self._smooth, self._smooth_ns = smoothing.UNSTARTED, 0
         self._fitted: Fitted | None = None
         self._period_s = 1.0 / config.link.rate_hz
         self._airspeed_m_s, self._airspeed_ns = 0.0, 0
@@ -216,9 +220,11 @@ class Airplane:
     def start(self) -> None:
         """As `Handler` says; what was learned is kept."""
         self._memory = airplane.unstarted(self.trims)
+        self._smooth, self._smooth_ns = smoothing.UNSTARTED, 0
 
     def shifted(self, jump_ned_m: Vec3) -> None:
-        """Nothing is remembered of places."""
+        """As `Handler` says."""
+        self._smooth = self._smooth._replace(position=add(self._smooth.position, jump_ned_m))
 
     def step(self, estimate: Estimate, reference: Reference, dt_s: float) -> Flown:
         """The first step is taken to be as long as the others."""
@@ -226,14 +232,10 @@ class Airplane:
         p = self._fitted.parameters
         dt_s = dt_s or self._period_s
         airspeed_m_s, wind = self._air(estimate.instant_ns)
-        measured = Measured(
-            estimate.seen,
-            estimate.position.velocity_ned_m_s,
-            airspeed_m_s,
-            wind is not None,
-            wind or ZERO,
-            max(estimate.position_age_s, 0.0),
-        )
+        age_s, velocity = max(estimate.position_age_s, 0.0), estimate.position.velocity_ned_m_s
+        error = self._error(estimate.seen.position, velocity, estimate.instant_ns, age_s)
+        velocity = subtract(velocity, error)
+        measured = Measured(estimate.seen, velocity, airspeed_m_s, wind is not None, wind or ZERO, age_s)
         waited_s = self.waited_s
         self._memory, demand, found = airplane_step(p, self._memory, measured, reference, dt_s)
         turning = self._rates(
@@ -243,9 +245,18 @@ class Airplane:
         if self._config.airplane.output == "rates":
             rates = turning
         asked = Demand(turning, attitude=demand.attitude, throttle=demand.throttle)
-        evaluation = _evaluation(p, found, turning, estimate.position.velocity_ned_m_s)
+        evaluation = _evaluation(p, found, turning, velocity)
         around = self._record(estimate, demand, found, waited_s, measured)
         return Flown(asked, found.reference, evaluation, rates, around)
+
+    def _error(self, position: Vec3, velocity: Vec3, instant_ns: int, age_s: float) -> Vec3:
+        """By how much the velocity is too large, from what was measured and when."""
+        seen_ns = instant_ns - round(age_s * 1e9)
+        dt_s = (seen_ns - self._smooth_ns) * 1e-9
+        if dt_s > 0.0:
+            self._smooth_ns = seen_ns
+            self._smooth = smoothing.smoothing_step(SMOOTHING, self._smooth, position, velocity, dt_s)
+        return self._smooth.error
 
     def neutral(self, estimate: Estimate) -> Demand:
         """Level wings at the measured heading, pitch and throttle of level flight at the cruise airspeed."""

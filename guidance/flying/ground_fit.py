@@ -94,7 +94,7 @@ def fitted(config: Config, origin_ned_m: Vec3, allowed: Allowed) -> Parameters:
         crawl_m_s=min(crawl_m_s, limits.speed_max_m_s),
         lateral_acceleration_m_s2=a.lateral_m_s2 if lateral is None else lateral,
         yaw_gain=ground.yaw_gain,
-        smoothing=smoothing.Parameters(time_constant_s=ground.smoothing_s, jump_m=0.5),
+        smoothing=smoothing.Parameters(ground.smoothing_s, 0.5, error_s=smoothing.ERROR_S, error_max_m_s=0.8),
         slip=slip.Parameters(time_constant_s=2.0, speed_min_m_s=0.7, bound_rad=radians(ground.slip_max_deg)),
         speed_loop=speed_loop.Parameters(
             kp=ground.speed_kp,

@@ -180,7 +180,7 @@ def _handling(
         slow_m_s=0.3,
         drag_per_s=drag_per_s,
         response=answers,
-        smoothing=smoothing.Parameters(time_constant_s=0.3, jump_m=0.5, error_s=0.6, error_max_m_s=0.8),
+        smoothing=smoothing.Parameters(0.3, 0.5, error_s=smoothing.ERROR_S, error_max_m_s=0.8),
         waiting=WAITING if c.waits else waiting.OFF,
         stuck=stuck.Parameters(asked_m_s=0.5, speed_m_s=0.15, yaw_rate_rad_s=0.05, after_s=3.0),
     )

@@ -16,7 +16,20 @@ from guidance.handling.crawl import crawl_floor, rest_m_s
 from guidance.handling.saturation import kept_curvature
 from guidance.law import Evaluation, desired_field, guide_step
 from guidance.limits import Controls, Limits, clamp
-from guidance.se3 import Pose, Reference, Twist, Vec3, body_axes, dot, from_yaw, norm, rotate, yaw_of
+from guidance.se3 import (
+    Pose,
+    Reference,
+    Twist,
+    Vec3,
+    body_axes,
+    dot,
+    from_yaw,
+    norm,
+    rotate,
+    rotate_inverse,
+    subtract,
+    yaw_of,
+)
 
 
 class Parameters(NamedTuple):
@@ -99,10 +112,11 @@ def ground_step(
     """
     p = parameters
     twist = measured.twist
-    forward, right = twist.linear.x, twist.linear.y
     velocity = rotate(measured.pose.attitude, twist.linear)
     smooth = smoothing.smoothing_step(p.smoothing, memory.smoothing, measured.pose.position, velocity, dt)
     position = smooth.position
+    linear = rotate_inverse(measured.pose.attitude, subtract(velocity, smooth.error))
+    forward, right = linear.x, linear.y
     planned = _level(reference, position.z)
 
     clock = waiting.waiting_step(p.waiting, memory.waiting, position, planned, dt)

@@ -6,9 +6,9 @@ would be busy with noise alone. The velocity, integrated, is smooth, and the pos
 complementary filter, without lag on any motion that the velocity shows. An estimator that is smooth already
 loses nothing by it.
 
-A velocity that is wrong for seconds, as PX4's estimator has it by its GNSS receiver (0.5 m/s in its own
-simulator, PX4 1.17), disagrees with the positions that come with it. What of it is no noise is found as the
-velocity's error: an observer of position and that error, damped by 0.7 where `error_s` is 2 `time_constant_s`.
+A velocity that is wrong for seconds, as PX4's estimator has it (0.5 m/s in PX4's own simulator, of 1.17),
+disagrees with the positions that come with it. What of it is no noise is found as the velocity's error: an
+observer of position and that error, damped by 0.7 where `error_s` is 2 `time_constant_s`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from typing import Final, NamedTuple
 
 from guidance.limits import clamp
 from guidance.se3 import ZERO, Vec3
+
+#: What of a velocity is wrong for longer than this is found: shorter, and white noise becomes it.
+ERROR_S: Final = 0.6
 
 
 class Parameters(NamedTuple):

@@ -64,7 +64,7 @@ def estimator(seen: Seen) -> Iterator[Finding]:
 
 
 def _rests(name: str, flags: int) -> bool:
-    """Whether this is PX4 that merely stands: EKF2 calls it constant in position, and still has its sources."""
+    """Whether this is PX4 that merely stands: EKF2 calls it constant in position, and has its sources."""
     return name == "ESTIMATOR_STATUS" and bool(flags & dialect.ESTIMATOR_PRED_POS_HORIZ_REL)
 
 

@@ -271,14 +271,14 @@ def test_a_motion_that_the_velocity_shows_is_not_late() -> None:
 
 
 def test_what_the_velocity_does_not_show_comes_in_its_time() -> None:
-    memory = smoothing.Memory(True, ZERO)
+    memory = smoothing.Memory(True, ZERO, ZERO)
     for _ in range(round(0.15 / DT) + 1):
         memory = smoothing.smoothing_step(SMOOTH, memory, Vec3(0.1, 0.0, 0.0), ZERO, DT)
     assert memory.position.x == pytest.approx(0.063, abs=0.005)
 
 
 def test_a_jump_is_taken_at_once_and_none_is_smoothed_when_off() -> None:
-    memory = smoothing.Memory(True, ZERO)
+    memory = smoothing.Memory(True, ZERO, ZERO)
     far, near = Vec3(0.0, 0.6, 0.0), Vec3(0.0, 0.4, 0.0)
     assert smoothing.smoothing_step(SMOOTH, memory, far, ZERO, DT).position == far
     assert smoothing.smoothing_step(SMOOTH, memory, near, ZERO, DT).position.y < 0.1

@@ -78,7 +78,7 @@ def run(
     config: Annotated[Path, typer.Option("--config", "-c", metavar="FILE", help="The TOML configuration.")],
     overrides: Overrides = None,
 ) -> None:
-    """Run the service until SIGTERM or Ctrl-C; SIGUSR1 commands it to engage.
+    """Run the service until SIGTERM, Ctrl-C or its terminal is closed; SIGUSR1 commands it to engage.
 
     Exit status 0 after a shutdown, 1 after an internal error, 2 for a wrong configuration.
 

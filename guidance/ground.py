@@ -2,7 +2,8 @@
 
 Only systems of `link.commands_from` are heard at all (with a key, only signed), see `mavlink.company`. Each
 command is an order like any other, with an id, so that a transmission that repeats (`confirmation`, or the
-same packet twice) does nothing twice and is answered the same. Parameters go out one at a time.
+same packet twice) does nothing twice and is answered the same. Parameters go out one at a time. One goes out
+unasked to a ground station that has come, for some take the autopilot's as a file and ask nobody else.
 
 MAVLink's guides: https://mavlink.io/en/services/command.html and parameter.html.
 """
@@ -40,6 +41,13 @@ PARAMETER_NS: Final = 50_000_000
 #: A refusal's reason takes up to five packets: so many reasons at once, and then one in so long.
 TEXTS_AT_ONCE: Final = 8
 TEXT_NS: Final = 250_000_000
+#: A ground station is told unasked that there are parameters when it has had time to begin with the
+#: autopilot's; and again when it was away for so long.
+SETTLED_NS: Final = 10_000_000_000
+GONE_NS: Final = 5_000_000_000
+#: The index of a PARAM_VALUE that nobody asked for. QGroundControl does not take it for the answer to its
+#: question for the autopilot's list, which it would then not repeat; and asks for all indices it has not.
+UNASKED: Final = 0xFFFF
 _TRANSMISSIONS_KEPT: Final = 256
 
 Told = tuple[Event | None, Answer]
@@ -61,16 +69,22 @@ class Ground:
         self._due_ns = 0
         self._text_ns = 0  # when all the reasons so far would be told, one in `TEXT_NS`
         self._asked_once = False
+        self._beats_ns: dict[tuple[int, int], int] = {}  # when each ground station was last heard
+        self._unaware: dict[tuple[int, int], int] = {}  # those that are to be told, and when
         self._ids: dict[tuple[int, int, int, bytes, int], tuple[str, int]] = {}  # with the first one's ns
         self._newest: dict[tuple[int, int], tuple[int, int, int, bytes]] = {}  # order of each sender
         self._orders_seen = 0
 
     def take(self, now_ns: int) -> list[Told]:
         """Answer what was asked since the last time; what became of the orders among it."""
-        frames = self._link.company.asked
+        company = self._link.company
+        if company.beats:
+            self._appear(company.beats, now_ns)
+            company.beats = []
+        frames = company.asked
         if not frames:
             return []
-        self._link.company.asked = []
+        company.asked = []
         self._asked_once = True
         return [told for frame in frames if (told := self._take(frame, now_ns)) is not None]
 
@@ -78,16 +92,26 @@ class Ground:
         """Queue one parameter, if one is due; the core comes round often enough without being told."""
         if self._config is not self._orders.config:
             self._changed()
+        for station in [station for station, due_ns in self._unaware.items() if now_ns >= due_ns]:
+            del self._unaware[station]
+            self._due[UNASKED] = None
         if not self._due or now_ns < self._due_ns:
             return
         number = next(iter(self._due))
         del self._due[number]
         self._due_ns = now_ns + PARAMETER_NS
-        name = self._names[number]
+        name = self._names[0 if number == UNASKED else number]
         value = as_real32(settings(self._orders.config)[PARAMETERS[name]])
         kind = dialect.MAV_PARAM_TYPE_REAL32
         message = dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self._names), number)
         self._link.outbox.send(message)
+
+    def _appear(self, stations: list[tuple[int, int]], now_ns: int) -> None:
+        """Note which ground stations are here, and which of them have just come."""
+        for station in stations:
+            if now_ns - self._beats_ns.get(station, now_ns - GONE_NS) >= GONE_NS:
+                self._unaware[station] = now_ns + SETTLED_NS
+            self._beats_ns[station] = now_ns
 
     def _changed(self) -> None:
         """Whoever set it: ground stations that have shown themselves hear of a value that is another."""
@@ -105,6 +129,7 @@ class Ground:
             case CommandInt() as command:
                 self._acknowledge(frame, command.command, dialect.MAV_RESULT_COMMAND_LONG_ONLY)
             case ParamRequestList():
+                self._unaware.pop((frame.system, frame.component), None)
                 self._due |= dict.fromkeys(range(len(self._names)))  # not from the start, lest it never ends
             case ParamRequestRead(number=number, name=name):
                 self._tell(number if number >= 0 else self._number(name))

@@ -70,7 +70,10 @@ async def _serve(
         _leave_at_the_latest(lambda: 0 if shell.finished else 1)
         shell.command(Shutdown(source=number.name))
 
-    for number in (signal.SIGTERM, signal.SIGINT):
+    numbers = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # `nohup` has it ignored
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
         loop.add_signal_handler(number, stop, number)
     loop.add_signal_handler(signal.SIGUSR1, shell.command, Engage(source="SIGUSR1"))
     sinks.orders_to(shell.hand_over)
@@ -115,7 +118,7 @@ def _leave_at_the_latest(status: Callable[[], int]) -> None:
 
 
 def serve(config: Config, gather: Callable[[Config, Session], Sinks] = sinks_of) -> int:
-    """Run the service until SIGTERM or SIGINT, SIGUSR1 commands to engage; the exit status.
+    """Run the service until SIGTERM, SIGINT or SIGHUP, SIGUSR1 commands to engage; the exit status.
 
     0 after a shutdown, 1 after an internal error, which is told on stderr. `gather` makes the sinks that the
     records go to.

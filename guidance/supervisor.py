@@ -141,7 +141,7 @@ CAUSES: Final[dict[Event, str]] = {
     Event.GUARD_TRIPPED: "a guard whose action is a mode",
     Event.GUARD_SILENCES: "a guard whose action is silence",
     Event.RETRY: 'on the ground, 5 s later, and `engage = "auto"` or out of the control mode',
-    Event.SHUTDOWN: "SIGTERM or SIGINT",
+    Event.SHUTDOWN: "SIGTERM, SIGINT or SIGHUP",
     Event.LEFT: "the mode that was commanded is seen, or 1 s has passed",
 }
 

@@ -85,7 +85,7 @@ OTHERS: Final = frozenset(
         *("DeviceAllow=", "time-sync.target", "systemd-timesyncd", "fake-hwclock", "gpsd", "chrony"),
         *("$STATE_DIRECTORY", "~/.local/state/guidance", "signing-NAME.json", "/var/lib", "SIGUSR1"),
         *("/etc/guidance/uuv-1.toml", "/var/log/guidance/uuv-1/logs", "/etc/mavlink-router/main.conf"),
-        *("/dev/serial/by-id", "/dev/ttyUSB0", "/dev/ttyACM*", "19700101T000012Z_uuv-1_1a2b3c4d.mcap"),
+        *("/dev/serial/by-id", "/dev/ttyUSB0", "/dev/ttyACM*", "00042_19700101T000012Z_uuv-1_1a2b3c4d.mcap"),
         "printf %s PASSPHRASE | sha256sum | cut -c-64",
         *("Mode = Server", "Address = 0.0.0.0", "--streamrate=-1", "MAV_GCS_SYSID", "crazyflow"),
         *("jsbsim:J3Cub", "jsbsim:c172p", "jsbsim:t6texan2", "ws://127.0.0.1:8765"),

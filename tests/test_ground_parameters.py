@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 from typing import Final
 
 import pytest
@@ -13,12 +14,19 @@ from pymavlink.dialects.v20 import all as mavlink
 from guidance.changing import settings
 from guidance.commands import Set
 from guidance.component import PARAMETERS, as_real32, from_real32
-from guidance.ground import PARAMETER_NS
+from guidance.ground import GONE_NS, PARAMETER_NS, SETTLED_NS
 from guidance.records import Packet
+from guidance.replay import replay
 from guidance.supervisor import State
-from tests.ground_station import COMPONENT, ready, texts_of, tracking
+from sitl.lockstep import Lockstep
+from tests.ground_station import COMPONENT, MAY, GroundStation, ready, texts_of, tracking
 from tests.helpers import make_config, records_of, setpoints_since, state_of
+from tests.test_replay import write
 
+NS: Final = 1_000_000_000
+BEAT: Final = mavlink.MAVLink_heartbeat_message(
+    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3
+)
 PARAM_VALUE: Final = (22).to_bytes(3, "little")
 
 
@@ -113,6 +121,70 @@ def test_what_another_sets_is_told_too() -> None:
     flight.guide.command(Set(source="zenoh ada", key="limits.speed_max_m_s", value=3), flight.now_ns)
     flight.run(0.5)
     assert [(v.param_id, v.param_value) for v in ground.hear("PARAM_VALUE")] == [("LIM_SPEED_MAX", 3.0)]
+
+
+def beats(flight: Lockstep, ground: GroundStation, seconds: int) -> None:
+    """A HEARTBEAT a second."""
+    for _ in range(seconds):
+        ground.say(BEAT)
+        flight.run(1.0)
+
+
+def test_a_station_that_asks_nobody_learns_by_one_unasked_value_that_there_are_parameters() -> None:
+    flight, ground = tracking()
+    ground.hear()
+    start_ns = flight.now_ns
+    beats(flight, ground, round(3 * SETTLED_NS / NS))
+    (value,) = ground.hear("PARAM_VALUE")
+    assert (value.param_id, value.param_index) == ("LAW_K", 0xFFFF)
+    assert value.param_count == len(settings(flight.guide.config))
+    (at_ns,) = [p.t_ns for p in records_of(flight, Packet, start_ns) if p.data[7:10] == PARAM_VALUE]
+    assert 0 <= at_ns - start_ns - SETTLED_NS < 100_000_000
+    assert max(b - a for a, b in pairwise(setpoints_since(flight, start_ns))) <= 21_000_000
+
+
+def test_it_is_told_again_when_it_comes_back_and_not_after_a_gap_in_its_heartbeats() -> None:
+    flight, ground = tracking()
+    beats(flight, ground, 15)
+    assert ground.hear("PARAM_VALUE")
+    flight.run(0.9 * GONE_NS / NS - 1.0)
+    beats(flight, ground, 15)
+    assert not ground.hear("PARAM_VALUE")
+    flight.run(1.1 * GONE_NS / NS)
+    beats(flight, ground, 15)
+    assert len(ground.hear("PARAM_VALUE")) == 1
+
+
+def test_a_station_that_has_the_list_already_is_told_nothing_more() -> None:
+    flight, ground = tracking()
+    ground.say(BEAT)
+    ground.say(mavlink.MAVLink_param_request_list_message(1, 0))
+    beats(flight, ground, 5)
+    ground.hear()
+    beats(flight, ground, 15)
+    assert not ground.hear("PARAM_VALUE")
+
+
+def test_only_a_ground_station_that_may_command_is_told() -> None:
+    flight, ground = tracking()
+    ground.hear()
+    companion = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3
+    )
+    stranger = GroundStation(flight, system=254)
+    for _ in range(15):
+        stranger.say(BEAT)
+        ground.say(companion)
+        flight.run(1.0)
+    assert not ground.hear("PARAM_VALUE")
+
+
+def test_a_flight_in_which_a_station_is_told_replays_to_the_bit(tmp_path: Path) -> None:
+    flight, ground = tracking()
+    beats(flight, ground, 12)
+    assert ground.hear("PARAM_VALUE")
+    found = replay(write(tmp_path, flight.records, *MAY))
+    assert found.identical, found
 
 
 def test_names_fit_and_every_setting_has_one() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from guidance.config import Config
 from guidance.service import new_session
-from guidance.telemetry.log_keeper import NOTICE_NS, Keeper, log_name
+from guidance.telemetry.log_keeper import NOTICE_NS, Keeper, log_name, next_number
 from guidance.telemetry.log_repair import is_closed
 from guidance.telemetry.recorder import Recorder, Rotation
 from guidance.telemetry.sinks import configured_sinks
@@ -33,9 +33,11 @@ def logs_of(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     }
 
 
-def put(directory: Path, day: int, content: bytes, *, vehicle: str = "rover1", session: str = "") -> Path:
+def put(
+    directory: Path, day: int, content: bytes, *, vehicle: str = "rover1", session: str = "", number: int = 1
+) -> Path:
     """A log of that day."""
-    path = directory / log_name(vehicle, session or f"{day:08x}", day * DAY_NS)
+    path = directory / log_name(number, vehicle, session or f"{day:08x}", day * DAY_NS)
     path.write_bytes(content)
     return path
 
@@ -99,6 +101,32 @@ def test_this_run_is_the_last_to_go_even_with_a_clock_that_starts_in_1970(
     assert sorted(tmp_path.iterdir()) == mine[1:]
 
 
+def test_runs_make_room_in_the_order_in_which_they_began_whatever_the_clock_said(
+    tmp_path: Path, logs_of: dict[str, bytes]
+) -> None:
+    content = logs_of["rover1"]
+    unnumbered = tmp_path / "20301231T235959Z_rover1_0000000a.mcap"  # of before there were numbers
+    unnumbered.write_bytes(content)
+    paths = [put(tmp_path, day, content, number=number) for number, day in ((9, 900), (10, 0), (99_999, 5))]
+    newest = put(tmp_path, 1, content, number=100_000)
+    for kept in (4, 3, 2):
+        keeper(tmp_path, keep_files=kept).tidy()
+        assert sorted(tmp_path.iterdir()) == sorted([*paths[3 - kept + 1 :], newest])
+    assert not unnumbered.exists()
+
+
+def test_a_run_is_numbered_after_all_that_are_there(tmp_path: Path) -> None:
+    names = []
+    for clock_ns in (1_700_000_000_000_000_000, 0, 5_000_000_000):  # it lost its power twice
+        path = record_all(tmp_path, [sample(0)], unix_offset_ns=clock_ns)
+        names.append(path.name)
+    assert [name[:6] for name in names] == ["00001_", "00002_", "00003_"]
+    assert names == sorted(names)
+    shutil.move(tmp_path / names[2], tmp_path / "00041_20200101T000000Z_rover2_00000000_002.mcap")
+    (tmp_path / "99999_notes.txt").touch()
+    assert next_number(tmp_path) == 42
+
+
 def test_nothing_that_is_not_ours_or_not_finished_is_removed_or_changed(
     tmp_path: Path, logs_of: dict[str, bytes]
 ) -> None:
@@ -119,9 +147,9 @@ def test_nothing_that_is_not_ours_or_not_finished_is_removed_or_changed(
         path.write_bytes(ours[:-300])
     outside = tmp_path.with_suffix(".elsewhere")
     outside.write_bytes(ours)
-    link = tmp_path / log_name("rover1", "abcdef01", 0)
+    link = tmp_path / log_name(1, "rover1", "abcdef01", 0)
     link.symlink_to(outside)
-    directory = tmp_path / log_name("rover1", "abcdef02", 0)
+    directory = tmp_path / log_name(1, "rover1", "abcdef02", 0)
     directory.mkdir()
     before = [path.read_bytes() for path in untouched]
     goes = put(tmp_path, 6, ours)

@@ -74,8 +74,9 @@ def test_the_library_reads_the_log_with_its_schemas_times_and_metadata(tmp_path:
     }
 
 
-def test_the_file_name_sorts_by_time_and_never_leaves_the_directory() -> None:
-    earlier = log_name("b", "0123456789", 1_700_000_000_000_000_000)
-    assert earlier == "20231114T221320Z_b_01234567.mcap"
-    assert earlier < log_name("a", "0", 1_700_000_001_000_000_000)
-    assert "/" not in log_name("../x", "/etc/passwd", 0)
+def test_the_file_name_sorts_by_run_and_never_leaves_the_directory() -> None:
+    earlier = log_name(9, "b", "0123456789", 1_700_000_000_000_000_000)
+    assert earlier == "00009_20231114T221320Z_b_01234567.mcap"
+    assert earlier < log_name(9, "b", "0123456789", 1_700_000_000_000_000_000, 2)
+    assert earlier < log_name(10, "a", "0", 0)
+    assert "/" not in log_name(1, "../x", "/etc/passwd", 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import socket
@@ -177,7 +178,49 @@ def test_sigterm_while_tracking_ends_as_soon_as_the_exit_mode_is_seen(tmp_path: 
     asyncio.run(main())
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_terminal_that_is_closed_leaves_like_sigterm(tmp_path: Path) -> None:
+    """Its hang-up comes from the kernel, and from then on nothing can be written to stderr."""
+    on_a_terminal = """
+import fcntl, os, sys, termios
+os.setsid()
+fcntl.ioctl(2, termios.TIOCSCTTY, 0)
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""
+
+    async def main() -> None:
+        terminal, service_end = os.openpty()
+        command = [sys.executable, "-c", on_a_terminal, *RUN[1:]]
+        async with flight(tmp_path, command=command, stderr=service_end) as (service, vehicle):
+            os.close(service_end)
+            await service._bell.until(
+                lambda: any(m.get_type() == SETPOINT and m.thrust > 0 for m in vehicle.heard), "a flight"
+            )
+            os.close(terminal)
+            await asyncio.wait_for(service.process.wait(), PATIENCE_S)
+            assert service.process.returncode == 0
+            assert vehicle.vehicle.mode == "AUTO.LOITER"
+        assert replay(service.log()).identical
+
+    asyncio.run(main())
+
+
+def test_a_hang_up_that_is_ignored_from_the_start_stays_so(tmp_path: Path) -> None:
+    """So does `nohup`, for a service that shall outlive its terminal."""
+
+    async def main() -> None:
+        command = ["nohup", *RUN]
+        async with process(tmp_path, "udpin://127.0.0.1:0", command=command) as (service, _):
+            await service.says("listening on")
+            service.process.send_signal(signal.SIGHUP)
+            assert await service.ended_after(signal.SIGTERM) < 0.5
+            assert service.process.returncode == 0
+        events = [json.loads(payload) for topic, payload in read_log(service.log()) if topic == "event"]
+        assert not [event for event in events if "SIGHUP" in event["text"]]
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_before_anything_is_connected_ends_it_at_once(tmp_path: Path, number: int) -> None:
     async def main() -> None:
         async with process(tmp_path, "udpin://127.0.0.1:0") as (service, _):

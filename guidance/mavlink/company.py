@@ -34,13 +34,15 @@ class Company:
     """Every sender but the autopilot of `system`: `frames` counts their good frames.
 
     `component` is ours: what is addressed to it is no order to the autopilot. `asked` are the frames that
-    systems of `commands_from` addressed to it, not looked at yet; those of others are only counted.
+    systems of `commands_from` addressed to it, not looked at yet; those of others are only counted. `beats`
+    are the ground stations of those systems of which a HEARTBEAT came, not looked at yet either.
     """
 
     def __init__(self, system: int, component: int) -> None:
         self.frames = 0
         self.commands_from: frozenset[int] = frozenset()
         self.asked: list[Frame] = []
+        self.beats: list[tuple[int, int]] = []
         self.counters: Counter[str] = Counter()
         self._own = (system, component)
         self._roles: dict[tuple[int, int], str] = {}
@@ -75,6 +77,8 @@ class Company:
         role = _ROLES.get(frame.message_id)
         if role is not None and (sender in self._roles or len(self._roles) < _KNOWN_MAX):
             self._roles[sender] = role(frame)
+            if self._roles[sender] == GROUND_STATION and frame.system in self.commands_from:
+                self.beats.append(sender)
         return order is not None
 
     def newly_ordering(self) -> list[str]:

@@ -25,11 +25,23 @@ from guidance.telemetry.worker import PAUSE_S
 NOTICE_NS: Final = 3_000_000_000
 
 
-def log_name(vehicle: str, session_id: str, unix_ns: int, part: int = 1) -> str:
-    """File name of a log: sorts by UTC time and part; odd characters become underscores."""
+_NUMBERED: Final = re.compile(r"(\d{5,})_\d{8}T\d{6}Z_.*\.mcap")
+
+
+def log_name(number: int, vehicle: str, session_id: str, unix_ns: int, part: int = 1) -> str:
+    """File name of a log: sorts by the run's number and part; odd characters become underscores.
+
+    The date is what the clock said, which on a companion without a battery goes back.
+    """
     when = datetime.fromtimestamp(unix_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
-    number = "" if part == 1 else f"_{part:03d}"
-    return f"{when}_{_safe(vehicle)}_{_safe(session_id[:8])}{number}.mcap"
+    suffix = "" if part == 1 else f"_{part:03d}"
+    return f"{number:05d}_{when}_{_safe(vehicle)}_{_safe(session_id[:8])}{suffix}.mcap"
+
+
+def next_number(directory: Path) -> int:
+    """Of a run that begins now: behind all whose logs are in `directory`, of whatever vehicle."""
+    names = (_NUMBERED.fullmatch(path.name) for path in directory.iterdir())
+    return 1 + max((int(name[1]) for name in names if name is not None), default=0)
 
 
 def _safe(text: str) -> str:
@@ -67,7 +79,8 @@ class Keeper:
         self._clock_ns = clock_ns
         self._wait = wait
         self._name = re.compile(
-            rf"\d{{8}}T\d{{6}}Z_{re.escape(_safe(vehicle))}_([0-9a-f]{{8}})(_\d{{3,}})?\.mcap"
+            rf"(?:(?P<number>\d{{5,}})_)?\d{{8}}T\d{{6}}Z_{re.escape(_safe(vehicle))}"
+            r"_(?P<session>[0-9a-f]{8})(?:_\d{3,})?\.mcap"
         )
         self._asked = threading.Event()
         self._stopping = False
@@ -114,17 +127,16 @@ class Keeper:
         self._trouble = "; ".join(troubles)
 
     def _logs(self) -> list[Path]:
-        """This vehicle's logs by their names, oldest first, this run's own last."""
-        found = [
-            path
-            for path in self._directory.iterdir()
-            if self._name.fullmatch(path.name) and path.is_file() and not path.is_symlink()
-        ]
-        return sorted(found, key=lambda path: (self._is_of_this_run(path), path.name))
+        """This vehicle's logs, oldest first, whatever the clock was: by run, this one's own last.
 
-    def _is_of_this_run(self, path: Path) -> bool:
-        name = self._name.fullmatch(path.name)
-        return name is not None and name[1] == self._session_id[:8]
+        Those without a number were written before there were any.
+        """
+        found = [
+            (name["session"] == self._session_id[:8], int(name["number"] or 0), path.name, path)
+            for path in self._directory.iterdir()
+            if (name := self._name.fullmatch(path.name)) and path.is_file() and not path.is_symlink()
+        ]
+        return [path for *_, path in sorted(found)]
 
     def _pause(self) -> None:
         if self._stopping:

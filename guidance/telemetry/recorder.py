@@ -26,7 +26,7 @@ from guidance.records import SCHEMA_VERSION, TOPICS, Lost, Session
 from guidance.telemetry.disk_file import DiskFile, LogFile, sync_directory
 from guidance.telemetry.foxglove_view import View
 from guidance.telemetry.log import CONTINUED_IN, ENDED_EARLY, PART
-from guidance.telemetry.log_keeper import Keeper, log_name
+from guidance.telemetry.log_keeper import Keeper, log_name, next_number
 from guidance.telemetry.mcap_writer import LogWriter
 from guidance.telemetry.queue import Sample
 from guidance.telemetry.worker import ThreadedSink
@@ -107,6 +107,7 @@ class Recorder(ThreadedSink):
         self._open_file = open_file
         self._free_bytes = free_bytes
         self._view = View(unix_offset_ns) if foxglove else None
+        self._number = 0  # of the run, known when the directory is
         self._part = 1
         self._path = self._path_of(1)
         self._slow = ""
@@ -134,7 +135,9 @@ class Recorder(ThreadedSink):
         return super().problem or self._slow or ("" if self._keeper is None else self._keeper.problem)
 
     def _path_of(self, part: int) -> Path:
-        return self._directory / log_name(self._vehicle, self._session_id, self._started_unix_ns, part)
+        number = self._number or 1
+        name = log_name(number, self._vehicle, self._session_id, self._started_unix_ns, part)
+        return self._directory / name
 
     def _ready(self) -> bool:
         if not self._opened:
@@ -151,6 +154,8 @@ class Recorder(ThreadedSink):
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
             sync_directory(self._directory.parent)
+            self._number = self._number or next_number(self._directory)
+            path = self._path_of(part)
             if self._keeper is not None:
                 self._keeper.look()
             short = self._short_of_space(_AGAIN_BYTES if self._trouble else 0)

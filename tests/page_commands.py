@@ -9,6 +9,9 @@ from tests.pages import PAGES, commands_of
 #: Each once, though some stand on two pages.
 COMMANDS = list(dict.fromkeys(command for page in PAGES for command in commands_of(page)))
 INSTALL_AND_FLY = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/guidance demo"
+INSTALL_AND_SEE = (
+    "python3 -m venv .venv && .venv/bin/pip install -q '.[dashboard]' && .venv/bin/guidance demo --dashboard"
+)
 INSTALL_AND_TEST = (
     "python3 -m venv .venv && .venv/bin/pip install -q -e '.[test]' && .venv/bin/python -m pytest -n 2"
 )
@@ -50,6 +53,7 @@ RUN = [
 #: Not run here: why. Those of our own programs are parsed by them, with the files and keys that they name.
 NOT_RUN = {
     INSTALL_AND_FLY: "installs; the demo flies in test_demo, and the line is .ci/run's way to begin",
+    INSTALL_AND_SEE: "installs; the demo's page is flown in test_demo_page",
     INSTALL_AND_TEST: "runs these tests; .ci/run ends with this very line",
     ".ci/run": "runs these tests",
     BENCH_CAMPAIGN: "minutes; parts of it in test_bench_campaign",

@@ -89,6 +89,7 @@ OTHERS: Final = frozenset(
         "printf %s PASSPHRASE | sha256sum | cut -c-64",
         *("Mode = Server", "Address = 0.0.0.0", "--streamrate=-1", "MAV_GCS_SYSID", "crazyflow"),
         *("jsbsim:J3Cub", "jsbsim:c172p", "jsbsim:t6texan2", "ws://127.0.0.1:8765"),
+        *("apt install chromium",),
         *("rotorpy:hummingbird", "rotorpy:crazyflie", "rotorpy:px4_sihsim_quadx"),
         *("guard_NAME", "map_ned", "base_link_frd"),
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from guidance.commands import (
@@ -13,10 +14,10 @@ from guidance.commands import (
     Set,
     Shutdown,
 )
-from guidance.records import Answer, Setpoint
+from guidance.records import Answer, Link, Setpoint, Status
 from guidance.replay import replay
 from guidance.supervisor import State
-from guidance.trajectory import Circle
+from guidance.trajectory import Circle, Trajectory
 from sitl.logbook import LogBook
 from tests.helpers import (
     events_of,
@@ -58,6 +59,33 @@ def test_a_loaded_trajectory_is_flown_and_none_is_loaded_while_tracking() -> Non
     assert flight.guide.config.trajectory == Circle(radius_m=4.0)
     x, y, _ = flight.truth().position_ned_m
     assert (x**2 + y**2) ** 0.5 == pytest.approx(4.0, abs=0.05)
+
+
+def test_the_status_tells_a_trajectory_that_is_not_the_sessions() -> None:
+    flight = make_flight("supervisor.engage=pilot")
+    fly_until(flight, State.READY)
+    flight.guide.command(CIRCLE, flight.now_ns)
+    flight.run(1.0)
+    first = LoadTrajectory(trajectory=msgspec.to_builtins(make_config().trajectory))
+    flight.guide.command(Set(key="law.rho2_per_s", value=5), flight.now_ns)
+    flight.run(1.0)
+    told = [status.trajectory_json for status in records_of(flight, Status)]
+    assert told[0] == ""
+    assert msgspec.json.decode(told[-1], type=Trajectory) == Circle(radius_m=4.0)
+    flight.guide.command(first, flight.now_ns)
+    flight.run(1.0)
+    assert records_of(flight, Status)[-1].trajectory_json == ""
+
+
+def test_the_link_tells_where_the_local_frame_is() -> None:
+    flight = make_flight()
+    fly_until(flight, State.READY)
+    flight.run(2.0)
+    at = flight.guide.link.origin
+    assert at is not None
+    assert records_of(flight, Link)[-1].origin_deg_m == pytest.approx(
+        (at.latitude * 1e-7, at.longitude * 1e-7, at.altitude * 1e-3)
+    )
 
 
 def test_a_flight_with_orders_replays_to_the_bit(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_the_status_tells_a_trajectory_that_is_not_the_sessions() -> None:
 
 def test_the_link_tells_where_the_local_frame_is() -> None:
     flight = make_flight()
-    fly_until(flight, State.READY)
+    fly_until_tracking(flight)
     flight.run(2.0)
     at = flight.guide.link.origin
     assert at is not None

@@ -109,9 +109,10 @@ export class VehiclePanel {
 /** One message stream: only of one that the service insists on does the rate matter. @param {any} stream */
 function streamLine(stream) {
   const poor = stream.insisted && !stream.good;
-  const line = make("li", poor ? "poor" : "", `${poor ? "!" : stream.comes ? "✓" : "○"} ${stream.message} `);
+  const none = !poor && !(stream.comes && stream.rate_hz >= 0.05);
   const wanted = stream.insisted ? ` of ${figure(stream.wanted_hz, 0)}` : "";
-  line.append(make("span", "value", stream.comes || poor ? `${figure(stream.rate_hz, 1)}${wanted} Hz` : "not needed"));
+  const line = make("li", poor ? "poor" : "", `${poor ? "!" : none ? "○" : "✓"} ${stream.message} `);
+  line.append(make("span", "value", none ? "not needed" : `${figure(stream.rate_hz, 1)}${wanted} Hz`));
   return line;
 }
 

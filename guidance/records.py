@@ -200,7 +200,7 @@ class Link(Record, frozen=True, kw_only=True):
     `uplink_age_s` is the age of the newest packet of ours that the autopilot answered (TIMESYNC).
     `transport` is the connection's kind; `needed_bytes_per_s` is at most needed in the busier direction,
     `capacity_bytes_per_s` what the line carries each way, null where that is not known.
-    `origin_deg_m` is that of the local frame (GPS_GLOBAL_ORIGIN): latitude and longitude, deg, and m AMSL.
+    `origin_geodetic` is that of the local frame (GPS_GLOBAL_ORIGIN): latitude and longitude, deg, and m AMSL.
     `counters` names every kind of input that was not used (bad checksums, garbage bytes, other systems,
     non-finite values, duplicates, ...) with its count since the start.
     """
@@ -225,7 +225,7 @@ class Link(Record, frozen=True, kw_only=True):
     sent_bytes_per_s: float = 0.0
     needed_bytes_per_s: float = 0.0
     capacity_bytes_per_s: float | None = None
-    origin_deg_m: Triple | None = None
+    origin_geodetic: Triple | None = None
 
 
 class Parameters(Record, frozen=True, kw_only=True):

@@ -162,7 +162,7 @@ def test_degrees_are_drawn_as_the_autopilot_projects_them(profile: str, project:
     flown.turn(*flown.heard(configured(**tables), link(flown.now_ns), waiting(flown.now_ns)))
     about: Any = flown.hub.about("uuv-1", flown.now_ns)
     assert (about["fence"]["corners"], about["fence"]["degrees"], about["origin"]) == ([], True, None)
-    flown.turn(*flown.heard(replace(link(flown.now_ns), origin_deg_m=EKF)))
+    flown.turn(*flown.heard(replace(link(flown.now_ns), origin_geodetic=EKF)))
     about = flown.hub.about("uuv-1", flown.now_ns)
     assert about["fence"]["degrees"] is False
     assert about["fence"]["corners"] == [project((*corner, EKF[2]), EKF)[:2] for corner in corners]

@@ -83,7 +83,7 @@ def test_the_link_tells_where_the_local_frame_is() -> None:
     flight.run(2.0)
     at = flight.guide.link.origin
     assert at is not None
-    assert records_of(flight, Link)[-1].origin_deg_m == pytest.approx(
+    assert records_of(flight, Link)[-1].origin_geodetic == pytest.approx(
         (at.latitude * 1e-7, at.longitude * 1e-7, at.altitude * 1e-3)
     )
 

@@ -208,7 +208,7 @@ def origin(fleet: Fleet, watched: Watched, vehicle: str) -> Vec3 | None:
 
 def _ekf(fleet: Fleet, vehicle: str) -> Geodetic | None:
     link = fleet.newest(vehicle, Link)
-    return None if link is None else link.origin_deg_m
+    return None if link is None else link.origin_geodetic
 
 
 def fence(settings: Settings, ekf: Geodetic | None) -> dict[str, object] | None:

@@ -34,7 +34,7 @@ def link_record(link: AutopilotLink, now_ns: int) -> Link:
         clock_drift_ppm=link.clock.drift_ppm if known else None,
         streams=link.streams.status(now_ns),
         counters={**link.reader.counters, **link.counters, **link.company.counters},
-        origin_deg_m=None if at is None else (at.latitude * 1e-7, at.longitude * 1e-7, at.altitude * 1e-3),
+        origin_geodetic=None if at is None else (at.latitude * 1e-7, at.longitude * 1e-7, at.altitude * 1e-3),
     )
 
 

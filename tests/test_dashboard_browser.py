@@ -163,6 +163,7 @@ def test_the_path_ahead_is_drawn_and_is_another_when_another_is_loaded(
             plans.append(said)
 
     with dashboard(listen=[place]) as url, visiting(browser, url) as page:
+        expect(page.locator("#network")).to_contain_text("vehicle")  # its first connection stands
         page.on("websocket", lambda socket: socket.on("framereceived", note))
         page.reload()
         with flying(place, tmp_path, "supervisor.engage=pilot"):

@@ -14,7 +14,7 @@ from guidance.commands import (
     Set,
     Shutdown,
 )
-from guidance.records import Answer, Link, Setpoint, Status
+from guidance.records import Answer, Link, Setpoint, Status, Timing
 from guidance.replay import replay
 from guidance.supervisor import State
 from guidance.trajectory import Circle, Trajectory
@@ -110,3 +110,14 @@ def test_a_flight_with_orders_replays_to_the_bit(tmp_path: Path) -> None:
     found = replay(book.path)
     assert found.identical, found
     assert found.tracked > 100
+
+
+@pytest.mark.parametrize("profile", ["px4-uuv", "ardupilot-rover"])
+def test_the_wait_for_an_order_is_no_lateness_of_the_loop(profile: str) -> None:
+    flight = make_flight("supervisor.engage=pilot", f"vehicle.profile={profile}", "flight.origin=engage")
+    fly_until(flight, State.READY)
+    flight.run(6.0)
+    flight.guide.command(Engage(), flight.now_ns)
+    fly_until_tracking(flight)
+    flight.run(2.0)
+    assert records_of(flight, Timing)[-1].lateness_max_s < 0.02

@@ -314,8 +314,11 @@ class Guide:
             answer=self._words.answer,
             trip=self.guards.trip,
         )
+        streamed = self.engagement.streaming
         for change in self.engagement.update(view, now_ns):
             self._changed(change, now_ns)
+        if self.engagement.streaming and not streamed:  # none was due before: it is not late
+            self.steering.pace.due_ns = max(self.steering.pace.due_ns, now_ns)
         expired = self.engagement.expired(now_ns)
         if expired is not None:
             self._told.event(Level.WARNING, "order_expired", expired, now_ns)

@@ -155,6 +155,9 @@ class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     `cautions` forbid no flight and are to be known before one; in a flight they are those of before it.
 
+    `trajectory_json` is the one that was loaded by an order, as the table of a configuration; it is left out
+    while it is that of the session.
+
     `trajectory_start_ns` is the instant of t = 0 and `origin_ned_m` the trajectory's origin in the
     vehicle's local frame; both are set at the first tracking tick.
     """
@@ -170,10 +173,15 @@ class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     setpoints_sent: int
     allocation: str = "pitch-yaw"
     cautions: tuple[str, ...] = ()
+    trajectory_json: str = ""
 
 
 class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One message stream: is it alive, does it keep its rate, and are its values usable?"""
+    """One message stream: is it alive, does it keep its rate, and are its values usable?
+
+    `insisted` says whether that matters: not of one whose rate does not, and not while a better or a lesser
+    one does its work.
+    """
 
     message: str
     wanted_hz: float
@@ -183,6 +191,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
     at_rate: bool
     valid: bool
     rejected: int
+    insisted: bool = True
 
 
 class Link(Record, frozen=True, kw_only=True):
@@ -191,6 +200,7 @@ class Link(Record, frozen=True, kw_only=True):
     `uplink_age_s` is the age of the newest packet of ours that the autopilot answered (TIMESYNC).
     `transport` is the connection's kind; `needed_bytes_per_s` is at most needed in the busier direction,
     `capacity_bytes_per_s` what the line carries each way, null where that is not known.
+    `origin_geodetic` is that of the local frame (GPS_GLOBAL_ORIGIN): latitude and longitude, deg, and m AMSL.
     `counters` names every kind of input that was not used (bad checksums, garbage bytes, other systems,
     non-finite values, duplicates, ...) with its count since the start.
     """
@@ -215,6 +225,7 @@ class Link(Record, frozen=True, kw_only=True):
     sent_bytes_per_s: float = 0.0
     needed_bytes_per_s: float = 0.0
     capacity_bytes_per_s: float | None = None
+    origin_geodetic: Triple | None = None
 
 
 class Parameters(Record, frozen=True, kw_only=True):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+import msgspec
+
 from guidance.engagement import Engagement
 from guidance.estimate import Estimate, Reset, Switch
 from guidance.flying import Caution
@@ -71,6 +73,7 @@ def status_record(
         setpoints_sent=setpoints_sent,
         allocation=tracker.allocation,
         cautions=tuple(caution.text for caution in cautions),
+        trajectory_json="" if tracker.loaded is None else msgspec.json.encode(tracker.loaded).decode(),
     )
 
 

@@ -41,7 +41,7 @@ from guidance.se3 import (
     quaternion_log,
     subtract,
 )
-from guidance.trajectory import sample
+from guidance.trajectory import Trajectory, sample
 from guidance.tuning import approach_m_s, cannot_allocate, rates_of
 
 
@@ -79,7 +79,7 @@ class Tracker:
         self.origin_ned_m: Vec3 | None = None
         self.paused_s: float | None = None
         self._config = config
-        self._trajectory = config.trajectory
+        self._trajectory = self._first = config.trajectory
         self._origin = config.flight.origin
         self.allocation: str = config.law.allocation
         self.reported_allocation: str | None = None  # what the vehicle itself said last
@@ -102,6 +102,11 @@ class Tracker:
         """How far the tracked reference is from the trajectory since resets of the autopilot's estimator; of
         a planar vehicle in the plane."""
         return ZERO if self.start_ns is None else self._offset.position
+
+    @property
+    def loaded(self) -> Trajectory | None:
+        """The trajectory, if it is not the one of the start any more."""
+        return None if self._trajectory == self._first else self._trajectory
 
     @property
     def history(self) -> History:

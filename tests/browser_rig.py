@@ -120,7 +120,7 @@ def process(*words: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextmanager
-def flying(place: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+def flying(place: str, folder: Path, *overrides: str) -> Iterator[subprocess.Popen[str]]:
     """The demo's flight, service and built-in vehicle, which takes orders; gives the service."""
     port = free_port(socket.SOCK_DGRAM)
     settings = (
@@ -128,6 +128,7 @@ def flying(place: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
         f'zenoh.connect=["{place}"]',
         "zenoh.commands=true",
         "log.enabled=false",
+        *overrides,
     )
     service = ["guidance", "run", "--config", str(CONFIG_FILE)]
     service += [word for setting in settings for word in ("--set", setting)]

@@ -5,13 +5,14 @@ Pictures of the main states are kept in tests/artefacts, to be looked at.
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 import zenoh
@@ -120,12 +121,15 @@ def test_a_flight_is_seen_from_its_start_and_aborted_from_the_page(browser: Brow
                 arg=first_m / 4,
             )
             assert drawn_part(page, "#charts canvas") > 0.01
+            expect(page.locator("#streams")).to_contain_text("CURRENT_MODE")
+            assert page.locator("#streams .poor").all_inner_texts() == []  # nothing is wrong: no alarm
             picture(page, "tracking")
 
             page.get_by_role("button", name="Abort").click()  # at once: it is not asked for twice
             expect(page.locator("#answer")).to_contain_text("demo: abort accepted")
             expect(page.locator("#state-word")).to_contain_text("aborted")
             expect(row_of(page, "demo")).to_contain_text("aborted")
+            expect(page.locator("#blocks")).to_contain_text("To engage again")
             expect(page.locator("#event-list")).to_contain_text("abort commanded (by zenoh dashboard)")
             assert faint_texts(page) == []
             picture(page, "aborted")
@@ -146,6 +150,37 @@ def test_a_flight_is_seen_from_its_start_and_aborted_from_the_page(browser: Brow
             expect(page.locator("#answer")).to_contain_text("demo: engage accepted")
             expect(page.locator("#state-word")).to_contain_text("tracking")
         expect(row_of(page, "demo")).to_contain_text("gone")
+
+
+def test_the_path_ahead_is_drawn_and_is_another_when_another_is_loaded(
+    browser: Browser, tmp_path: Path
+) -> None:
+    place = endpoint()
+    plans: list[dict[str, Any]] = []
+
+    def note(text: str | bytes) -> None:
+        if isinstance(text, str) and (said := json.loads(text))["kind"] == "plan":
+            plans.append(said)
+
+    with dashboard(listen=[place]) as url, visiting(browser, url) as page:
+        expect(page.locator("#network")).to_contain_text("vehicle")  # its first connection stands
+        page.on("websocket", lambda socket: socket.on("framereceived", note))
+        page.reload()
+        with flying(place, tmp_path, "supervisor.engage=pilot"):
+            expect(page.locator("#state-word")).to_contain_text("ready")
+            expect(page.locator("#blocks")).to_contain_text("may be engaged")
+            page.get_by_role("button", name="Load trajectory").first.click()
+            page.locator("#load-name").select_option("circle")
+            page.locator("#load [name=radius_m]").fill("4")
+            page.locator("#load button[type=submit]").click()
+            page.locator("#confirm-yes").click()
+            expect(page.locator("#answer")).to_contain_text("demo: load accepted")
+            wait_until_drawn(page, "#scene", 0.1)  # nothing is flown: it is the planned path
+            picture(page, "planned")
+    helix, circle = ([plan for plan in plans if plan["points"]] or [{}])[0], plans[-1]
+    assert not helix["whole"]
+    assert circle["whole"]
+    assert max(circle["points"]) == pytest.approx(4.0, abs=1e-3)
 
 
 def test_who_opens_the_page_late_sees_the_last_minute(browser: Browser, watched: Watched) -> None:
@@ -242,7 +277,9 @@ def test_the_demo_opens_with_it_and_says_where(browser: Browser, tmp_path: Path)
         url = next(line.split()[1] for line in demo.stderr if line.startswith("Dashboard: "))
         with visiting(browser, url) as page:
             expect(page.locator("#state-word")).to_contain_text("tracking")
-            expect(page.get_by_role("button", name="Abort")).to_be_visible()
+            page.get_by_role("button", name="Abort").click()
+            expect(page.locator("#answer")).to_contain_text("demo: abort accepted")
+            expect(page.locator("#state-word")).to_contain_text("aborted")
         demo.send_signal(signal.SIGINT)
         rest = demo.stderr.read()
         assert demo.wait(PATIENCE_S) == 130, rest

@@ -11,50 +11,18 @@ import pytest
 from msgspec.structs import replace
 
 from guidance.dashboard import orders
-from guidance.dashboard.hub import EVENTS_MAX, RINGS_MAX, Hub
+from guidance.dashboard.hub import EVENTS_MAX, RINGS_MAX
 from guidance.dashboard.pages import ANSWERS_MAX, ROWS_MAX, Page
-from guidance.dashboard.rows import COLUMNS, ROW
+from guidance.dashboard.rows import ROW
 from guidance.dashboard.said import NOTES_MAX, fleet_told, takes_orders, trajectories_told
 from guidance.fleet import SILENT_NS
-from guidance.records import TOPICS, Record
-from guidance.telemetry.arrivals import Answered, Arrival, Heard, History, Ignored, Presence, read
+from guidance.records import Record
+from guidance.telemetry.arrivals import Answered, History, Ignored, Presence, read
 from guidance.trajectory import TRAJECTORIES, Circle
-from tests.fleet_rig import MS, UNIX_OFFSET_NS, S, error, event, link, session, setpoint, state, status
+from tests.dashboard_rig import T0, TICK_NS, Flown, configured
+from tests.fleet_rig import MS, UNIX_OFFSET_NS, S, error, event, link, session, state, status
 
-TICK_NS = 50 * MS
 NO_FENCE: dict[str, Any] = {"corners": [], "down_min_m": None, "down_max_m": None, "degrees": False}
-T0 = 100 * S
-
-
-class Flown:
-    """A hub, and what its vehicles say."""
-
-    def __init__(self) -> None:
-        self.asked: list[str] = []
-        self.hub = Hub(self.asked.append)
-        self.now_ns = T0
-
-    def turn(self, *arrivals: Arrival) -> list[Answered]:
-        self.now_ns += TICK_NS
-        return self.hub.turn(arrivals, self.now_ns)
-
-    def heard(self, *records: Record, vehicle: str = "uuv-1", answered: bool = False) -> list[Heard]:
-        return [Heard(self.now_ns, vehicle, TOPICS[type(one)], one, answered) for one in records]
-
-    def fly(self, turns: int, vehicle: str = "uuv-1") -> None:
-        for _ in range(turns):
-            t_ns = self.now_ns
-            said = self.heard(
-                state(t_ns), error(t_ns, 0.5), setpoint(t_ns, t_ns // MS), status(t_ns), vehicle=vehicle
-            )
-            self.turn(*said)
-
-    def rows(self, vehicle: str = "uuv-1") -> list[dict[str, float]]:
-        whole = self.hub.ring(vehicle)
-        return [
-            dict(zip(COLUMNS, ROW.unpack_from(whole, at), strict=True))
-            for at in range(0, len(whole), ROW.size)
-        ]
 
 
 def test_a_vehicle_that_is_heard_has_a_row_each_turn() -> None:
@@ -164,10 +132,6 @@ def test_answers_are_handed_back() -> None:
     flown = Flown()
     answer = Answered(0, "uuv-1", "abort", "id", True, "")
     assert flown.turn(answer) == [answer]
-
-
-def configured(**tables: Any) -> Record:
-    return replace(session("aa"), config_json=json.dumps(tables))
 
 
 def test_what_is_told_of_a_vehicle_is_its_state_link_and_fence() -> None:

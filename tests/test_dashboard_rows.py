@@ -222,8 +222,10 @@ def test_lateness_is_the_highest_count_that_grew_since_the_record_before() -> No
     assert late.lately_s == 0.01
     late.take(timing(2 * S, 30, (28, 2, 0)))
     assert late.lately_s == 0.001
-    late.take(timing(3 * S, 40, (37, 2, 1), worst_s=0.5))
-    assert late.lately_s == 0.5
+    late.take(timing(3 * S, 40, (37, 2, 1), worst_s=0.7))
+    assert late.lately_s == 0.7
+    late.take(timing(4 * S, 50, (46, 2, 2), worst_s=0.7))  # that was before: now at least the last edge
+    assert late.lately_s == 0.01
     late.take(timing(0, 5, (5, 0, 0)))  # another run
     assert isnan(late.lately_s)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from guidance.commands import (
@@ -13,10 +14,10 @@ from guidance.commands import (
     Set,
     Shutdown,
 )
-from guidance.records import Answer, Setpoint
+from guidance.records import Answer, Link, Setpoint, Status, Timing
 from guidance.replay import replay
 from guidance.supervisor import State
-from guidance.trajectory import Circle
+from guidance.trajectory import Circle, Trajectory
 from sitl.logbook import LogBook
 from tests.helpers import (
     events_of,
@@ -60,6 +61,33 @@ def test_a_loaded_trajectory_is_flown_and_none_is_loaded_while_tracking() -> Non
     assert (x**2 + y**2) ** 0.5 == pytest.approx(4.0, abs=0.05)
 
 
+def test_the_status_tells_a_trajectory_that_is_not_the_sessions() -> None:
+    flight = make_flight("supervisor.engage=pilot")
+    fly_until(flight, State.READY)
+    flight.guide.command(CIRCLE, flight.now_ns)
+    flight.run(1.0)
+    first = LoadTrajectory(trajectory=msgspec.to_builtins(make_config().trajectory))
+    flight.guide.command(Set(key="law.rho2_per_s", value=5), flight.now_ns)
+    flight.run(1.0)
+    told = [status.trajectory_json for status in records_of(flight, Status)]
+    assert told[0] == ""
+    assert msgspec.json.decode(told[-1], type=Trajectory) == Circle(radius_m=4.0)
+    flight.guide.command(first, flight.now_ns)
+    flight.run(1.0)
+    assert records_of(flight, Status)[-1].trajectory_json == ""
+
+
+def test_the_link_tells_where_the_local_frame_is() -> None:
+    flight = make_flight()
+    fly_until_tracking(flight)
+    flight.run(2.0)
+    at = flight.guide.link.origin
+    assert at is not None
+    assert records_of(flight, Link)[-1].origin_geodetic == pytest.approx(
+        (at.latitude * 1e-7, at.longitude * 1e-7, at.altitude * 1e-3)
+    )
+
+
 def test_a_flight_with_orders_replays_to_the_bit(tmp_path: Path) -> None:
     config = make_config("supervisor.engage=pilot")
     flight = make_flight(config=config)
@@ -82,3 +110,14 @@ def test_a_flight_with_orders_replays_to_the_bit(tmp_path: Path) -> None:
     found = replay(book.path)
     assert found.identical, found
     assert found.tracked > 100
+
+
+@pytest.mark.parametrize("profile", ["px4-uuv", "ardupilot-rover"])
+def test_the_wait_for_an_order_is_no_lateness_of_the_loop(profile: str) -> None:
+    flight = make_flight("supervisor.engage=pilot", f"vehicle.profile={profile}", "flight.origin=engage")
+    fly_until(flight, State.READY)
+    flight.run(6.0)
+    flight.guide.command(Engage(), flight.now_ns)
+    fly_until_tracking(flight)
+    flight.run(2.0)
+    assert records_of(flight, Timing)[-1].lateness_max_s < 0.02

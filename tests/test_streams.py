@@ -227,6 +227,33 @@ def test_the_third_is_asked_for_only_if_both_better_ones_are_absent() -> None:
     assert asked(streams, 1600 * MS) == (EULER, 50.0)
 
 
+def insisted(streams: Streams, now_ns: int) -> set[str]:
+    return {status.message for status in streams.status(now_ns) if status.insisted}
+
+
+def test_insisted_is_on_the_best_that_can_be_had_and_on_no_stream_whose_rate_does_not_matter() -> None:
+    streams = Streams(
+        [
+            Stream("ODOMETRY", 50.0),
+            Stream(ATTITUDE, 50.0, instead_of="ODOMETRY"),
+            Stream(EULER, 50.0, instead_of=ATTITUDE),
+            Stream("CURRENT_MODE", 10.0, alive_s=3.0, insist=False),
+        ]
+    )
+    assert insisted(streams, 0) == {"ODOMETRY"}
+    assert asked(streams, 0) == ("ODOMETRY", 50.0)
+    streams.acknowledged(accepted=False, known=False)
+    assert insisted(streams, 10 * MS) == {"ODOMETRY", ATTITUDE}, "neither comes"
+    now = play(streams[ATTITUDE], 10 * MS, 1.0, 50.0)
+    assert insisted(streams, now) == {ATTITUDE}
+    now += 1000 * MS
+    assert insisted(streams, now) == {"ODOMETRY", ATTITUDE, EULER}, "it stopped, and nothing stands in"
+    now = play(streams[EULER], now, 1.0, 50.0)
+    assert insisted(streams, now) == {EULER}
+    now = play(streams["ODOMETRY"], now, 1.0, 50.0)
+    assert insisted(streams, now) == {"ODOMETRY"}
+
+
 def test_odometry_is_wanted_where_it_can_be_asked_for() -> None:
     def wanted(*, odometry: bool) -> dict[str, str | None]:
         streams = wanted_streams(50.0, 0.2, 0.3, 0.0, odometry=odometry)

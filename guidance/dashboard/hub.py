@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from math import nan
 from typing import Final
 
+from guidance.dashboard.planned import Planner
 from guidance.dashboard.rows import (
     FRESH_NS,
     FRESH_OTHERS_NS,
@@ -19,15 +20,18 @@ from guidance.dashboard.rows import (
     of_history,
     row,
 )
-from guidance.dashboard.said import Watched, told
+from guidance.dashboard.said import Watched, told, trajectory
 from guidance.fleet import Contact, Fleet, Seen
-from guidance.records import Event, Record, State, Timing, TrackingError
+from guidance.records import Event, Record, Reference, State, Status, Timing, TrackingError
 from guidance.telemetry.arrivals import Answered, Arrival, Heard, History, Presence
 
 #: So many vehicles' rows are kept (1.1 MB each); of more, those unheard for longest give way.
 RINGS_MAX: Final = 50
 #: Of what happened before somebody looked, so many events of each vehicle are told.
 EVENTS_MAX: Final = 20
+#: For the last minutes of a vehicle it is asked so often, as long as they do not come.
+ASKED_MAX: Final = 3
+ASK_AGAIN_NS: Final = 10_000_000_000
 
 
 class _Rows:
@@ -40,6 +44,7 @@ class _Rows:
         self.offset_ns: int | None = None  # from its instants to those of arrival
         self.first_ns: int | None = None  # of the rows that were made here
         self.live = False
+        self.recalled = False  # its last minutes have come
 
 
 class Hub:
@@ -58,6 +63,8 @@ class Hub:
         self.renewed: set[str] = set()
         self._vehicles: dict[str, _Rows] = {}
         self._want_history = want_history
+        self._asked: dict[str, tuple[int, int]] = {}  # when for whose, and how often
+        self._planner = Planner()
 
     def ring(self, vehicle: str) -> bytes:
         """Every row of a vehicle, oldest first; none of one that is not known."""
@@ -78,11 +85,33 @@ class Hub:
             elif isinstance(arrival, History):
                 self._history(arrival, now_ns)
             elif isinstance(arrival, Presence) and arrival.here:
-                self._want_history(arrival.vehicle)
+                self._ask(arrival.vehicle, now_ns, 1)
         self.seen = self.fleet.look(now_ns)
         for seen in self.seen:
             self._row(seen, now_ns)
         return [arrival for arrival in taken if isinstance(arrival, Answered)]
+
+    def recall(self, vehicle: str, now_ns: int) -> None:
+        """A page shows it: ask for its last minutes if they have not come, but only so often."""
+        known = self._vehicles.get(vehicle)
+        if known is None or known.recalled:
+            return
+        asked_ns, times = self._asked.get(vehicle, (now_ns - ASK_AGAIN_NS, 0))
+        if times < ASKED_MAX and now_ns - asked_ns >= ASK_AGAIN_NS:
+            self._ask(vehicle, now_ns, times + 1)
+
+    def _ask(self, vehicle: str, now_ns: int, times: int) -> None:
+        if len(self._asked) >= 2 * RINGS_MAX:
+            self._asked.pop(next(iter(self._asked)))
+        self._asked[vehicle] = now_ns, times
+        self._want_history(vehicle)
+
+    def plan(self, vehicle: str) -> bytes:
+        """The path that is planned for a vehicle, as a page is told; another object when it is another."""
+        status, reference = self.fleet.newest(vehicle, Status), self.fleet.newest(vehicle, Reference)
+        flown = status is not None and status.origin_ned_m is not None and reference is not None
+        keys = trajectory(self.fleet, self.watched, vehicle)
+        return self._planner.told(vehicle, keys, reference.trajectory_s if flown and reference else 0.0)
 
     def about(self, vehicle: str, now_ns: int) -> dict[str, object]:
         """What a page that shows this vehicle is told of it."""
@@ -122,6 +151,7 @@ class Hub:
         if not history.records:
             return
         vehicle = self._vehicle(history.vehicle)
+        vehicle.recalled = True
         events = [record for record in history.records if isinstance(record, Event)]
         self.fleet.recall(history.vehicle, events[-EVENTS_MAX:], history.arrived_ns)
         before_ns = now_ns if vehicle.first_ns is None else vehicle.first_ns

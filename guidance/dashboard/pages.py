@@ -26,11 +26,14 @@ class Page:
         self._rows: list[bytes] = []
         self._fleet: bytes | None = None
         self._about: bytes | None = None
+        self._plan: bytes | None = None
+        self._knows: bytes | None = None  # the plan that it was given last
         self._answers: deque[bytes] = deque(maxlen=ANSWERS_MAX)
 
     def see(self, vehicle: str) -> None:
         """It shows this one from now on."""
         self.vehicle = vehicle
+        self._plan = self._knows = None
         self.begin()
 
     def begin(self) -> None:
@@ -54,6 +57,10 @@ class Page:
         """The same, of its vehicle."""
         self._about = said
 
+    def owe_plan(self, said: bytes) -> None:
+        """The path that is planned for its vehicle: only another one than it knows."""
+        self._plan = None if said is self._knows else said
+
     def owe_answer(self, said: bytes) -> None:
         """What became of an order of its."""
         self._answers.append(said)
@@ -74,6 +81,9 @@ class Page:
         if self._about is not None:
             owed.append(self._about.decode())
             self._about = None
+        if self._plan is not None:
+            owed.append(self._plan.decode())
+            self._knows, self._plan = self._plan, None
         return owed
 
 

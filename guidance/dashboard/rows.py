@@ -174,7 +174,8 @@ class Lateness:
         self.lately_s = nan
 
     def take(self, timing: Timing) -> None:
-        """The upper edge of the highest count that grew; above all edges, the largest of the run."""
+        """The upper edge of the highest count that grew; above all edges the largest of the run if it is new,
+        else what is certain, the last edge."""
         before, self._before = self._before, timing
         if before is None or timing.ticks < before.ticks or before == timing:
             self.lately_s = nan if before is None or before != timing else self.lately_s
@@ -182,8 +183,11 @@ class Lateness:
         pairs = zip(timing.lateness_counts, before.lateness_counts, strict=False)
         grown = [i for i, (now, then) in enumerate(pairs) if now > then]
         edges = timing.lateness_edges_s
-        if grown:
-            self.lately_s = edges[grown[-1]] if grown[-1] < len(edges) else timing.lateness_max_s
+        if grown and grown[-1] < len(edges):
+            self.lately_s = edges[grown[-1]]
+        elif grown:
+            new = timing.lateness_max_s > before.lateness_max_s
+            self.lately_s = timing.lateness_max_s if new or not edges else edges[-1]
 
 
 def of_history(records: Sequence[Record], offset_ns: int, before_ns: int, lateness: Lateness) -> list[bytes]:

@@ -8,9 +8,12 @@ from typing import Any, Final
 
 import msgspec
 
+from guidance.dashboard.planned import local
 from guidance.fleet import Fleet, Note, Seen
+from guidance.geodesy import Geodetic
 from guidance.geofence import Corner
-from guidance.records import Link, Session, Status, Timing
+from guidance.records import NOT_A_RECORD, Link, Session, State, Status, Timing
+from guidance.se3 import Vec3
 from guidance.trajectory import TRAJECTORIES
 
 NOTES_MAX: Final = 100
@@ -35,9 +38,14 @@ class _Vehicle(msgspec.Struct, frozen=True):
     profile: str = ""
 
 
+class _Flight(msgspec.Struct, frozen=True):
+    origin: str | Geodetic = ""
+
+
 class Settings(msgspec.Struct, frozen=True):
     """What a page needs of a service's configuration, whatever else is in it."""
 
+    flight: _Flight = _Flight()
     guards: _Guards = _Guards()
     zenoh: _Zenoh = _Zenoh()
     vehicle: _Vehicle = _Vehicle()
@@ -118,8 +126,9 @@ def told(fleet: Fleet, watched: Watched, vehicle: str, now_ns: int) -> dict[str,
         "vehicle": vehicle,
         "commands": settings is not None and settings.zenoh.commands,
         "configured": settings is not None,
-        "fence": None if settings is None else fence(settings),
-        "trajectory": {} if settings is None else settings.trajectory,
+        "fence": None if settings is None else fence(settings, _ekf(fleet, vehicle)),
+        "trajectory": trajectory(fleet, watched, vehicle),
+        "origin": origin(fleet, watched, vehicle),
     }
     if session is not None:
         said["session"] = {
@@ -151,6 +160,8 @@ def told(fleet: Fleet, watched: Watched, vehicle: str, now_ns: int) -> dict[str,
                     "rate_hz": stream.rate_hz,
                     "wanted_hz": stream.wanted_hz,
                     "good": stream.alive and stream.at_rate and stream.valid,
+                    "comes": stream.alive and stream.valid,
+                    "insisted": stream.insisted,
                 }
                 for stream in link.streams[:20]
             ],
@@ -164,10 +175,52 @@ def told(fleet: Fleet, watched: Watched, vehicle: str, now_ns: int) -> dict[str,
     return said
 
 
-def fence(settings: Settings) -> dict[str, object] | None:
-    """The geofence in local NED, m; None without one. One in degrees cannot be drawn from telemetry."""
+def trajectory(fleet: Fleet, watched: Watched, vehicle: str) -> Mapping[str, Any]:
+    """The keys of [trajectory] of what is flown, or would be; empty if that is not known."""
+    status = fleet.newest(vehicle, Status)
+    if status is not None and status.trajectory_json:
+        try:
+            return msgspec.json.decode(status.trajectory_json, type=dict[str, Any])
+        except NOT_A_RECORD:
+            return {}
+    settings = watched.settings(fleet.newest(vehicle, Session), vehicle)
+    return {} if settings is None else settings.trajectory
+
+
+def origin(fleet: Fleet, watched: Watched, vehicle: str) -> Vec3 | None:
+    """Where the trajectory's origin is in local NED, m, or would be if it were engaged now."""
+    session, status, state = (fleet.newest(vehicle, kind) for kind in (Session, Status, State))
+    if isinstance(status, Status) and status.origin_ned_m is not None:
+        return Vec3(*status.origin_ned_m)
+    settings = watched.settings(session if isinstance(session, Session) else None, vehicle)
+    if settings is None:
+        return None
+    chosen = settings.flight.origin
+    if chosen == "ekf":
+        return Vec3(0.0, 0.0, 0.0)
+    if chosen == "engage":
+        return Vec3(*state.position_ned_m) if isinstance(state, State) else None
+    ekf = _ekf(fleet, vehicle)
+    if isinstance(chosen, str) or ekf is None:  # only the service knows where home is
+        return None
+    return local(settings.vehicle.profile, chosen, ekf)
+
+
+def _ekf(fleet: Fleet, vehicle: str) -> Geodetic | None:
+    link = fleet.newest(vehicle, Link)
+    return None if link is None else link.origin_geodetic
+
+
+def fence(settings: Settings, ekf: Geodetic | None) -> dict[str, object] | None:
+    """The geofence in local NED, m; None without one. One in `degrees` needs the local frame's origin."""
     guards = settings.guards
     corners = [corner for corner in guards.fence_ned_m[:_CORNERS_MAX] if all(map(isfinite, corner))]
+    if guards.fence_deg and ekf is not None:
+        projected = [
+            local(settings.vehicle.profile, (*corner, ekf[2]), ekf)
+            for corner in guards.fence_deg[:_CORNERS_MAX]
+        ]
+        corners = [corner[:2] for corner in projected if corner is not None]
     low_m, high_m = guards.fence_down_min_m, guards.fence_down_max_m
     if not (corners or guards.fence_deg) and low_m is None and high_m is None:
         return None
@@ -175,7 +228,7 @@ def fence(settings: Settings) -> dict[str, object] | None:
         "corners": corners,
         "down_min_m": low_m,
         "down_max_m": high_m,
-        "degrees": bool(guards.fence_deg),
+        "degrees": bool(guards.fence_deg) and not corners,
     }
 
 

@@ -202,6 +202,8 @@ class Dashboard:
                     if page.vehicle not in about:
                         about[page.vehicle] = self._encode(hub.about(page.vehicle, now_ns))
                     page.owe_about(about[page.vehicle])
+                    page.owe_plan(hub.plan(page.vehicle))
+                    hub.recall(page.vehicle, now_ns)
             opened.ready.set()
 
     def _fleet_told(self) -> bytes:

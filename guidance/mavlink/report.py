@@ -16,7 +16,7 @@ def link_record(link: AutopilotLink, now_ns: int) -> Link:
     """The link as a record."""
     beat = link.heartbeat
     version = link.version
-    known = link.clock.accepted > 0
+    known, at = link.clock.accepted > 0, link.origin
     return Link(
         t_ns=now_ns,
         connected=link.connected(now_ns),
@@ -34,6 +34,7 @@ def link_record(link: AutopilotLink, now_ns: int) -> Link:
         clock_drift_ppm=link.clock.drift_ppm if known else None,
         streams=link.streams.status(now_ns),
         counters={**link.reader.counters, **link.counters, **link.company.counters},
+        origin_geodetic=None if at is None else (at.latitude * 1e-7, at.longitude * 1e-7, at.altitude * 1e-3),
     )
 
 

@@ -12,6 +12,8 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
+from msgspec.structs import replace
+
 from guidance.records import StreamStatus
 
 #: Of the wanted rate: less than this is "not at rate" (so 30 % of loss is still at rate).
@@ -231,7 +233,19 @@ class Streams:
 
     def status(self, now_ns: int) -> tuple[StreamStatus, ...]:
         """The verdicts of all."""
-        return tuple(stream.status(now_ns) for stream in self._by_message.values())
+        return tuple(
+            replace(stream.status(now_ns), insisted=self._insisted(stream, now_ns)) for stream in self.all()
+        )
+
+    def _insisted(self, stream: Stream, now_ns: int) -> bool:
+        """Whether it is to come at its rate: no better one comes, nor a lesser one in its place."""
+        if not (stream.insistent and self.needed(stream, now_ns)):
+            return False
+        return not (stream.absent(now_ns) and self._replaced(stream, now_ns))
+
+    def _replaced(self, stream: Stream, now_ns: int) -> bool:
+        lesser = (other for other in self.all() if other.instead_of == stream.message)
+        return any(other.alive(now_ns) or self._replaced(other, now_ns) for other in lesser)
 
 
 def state_hz(rate_hz: float) -> float:

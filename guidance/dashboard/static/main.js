@@ -102,7 +102,11 @@ const take = {
     orders.show(said);
     charts.show(said.session?.profile ?? "");
     scene.fence = said.fence;
+    scene.origin = said.origin;
     document.body.classList.toggle("fenced", Boolean(said.fence?.corners.length));
+  },
+  plan(said) {
+    if (said.vehicle === shown) scene.plan = said;
   },
   answer: (said) => orders.answered(said),
 };

@@ -68,7 +68,7 @@ export class Orders {
 
   /** @param {string} state the buttons that lead on are plain to see */
   emphasise(state) {
-    const next = { engage: ["ready", "handed-over", "aborted", "finished"], hold: ["tracking"], resume: ["holding"] };
+    const next = { engage: ["ready", "handed-over", "aborted"], hold: ["tracking"], resume: ["holding"] };
     for (const [verb, states] of Object.entries(next)) $(`order-${verb}`).classList.toggle("next", states.includes(state));
   }
 

@@ -8,6 +8,7 @@ import { figure } from "./words.js";
 
 /** @typedef {import("./rows.js").Rows} Rows */
 /** @typedef {[number, number, number]} Triple */
+/** @typedef {{points: number[], whole: boolean}} Plan north, east and down in turn, m from the trajectory's origin */
 /** @typedef {{corners: [number, number][], down_min_m: number|null, down_max_m: number|null, degrees: boolean}} Fence */
 
 const POINTS_MAX = 1500;
@@ -33,13 +34,17 @@ export class Scene {
     this.camera = new Camera();
     /** @type {Fence|null} */
     this.fence = null;
+    /** @type {Plan|null} */
+    this.plan = null;
+    /** @type {Triple|null} where the trajectory's origin is */
+    this.origin = null;
     this.reset();
   }
 
   /** Another vehicle is shown: it is fitted anew. */
   reset() {
     this.bounds = null;
-    this.fence = null;
+    this.fence = this.plan = this.origin = null;
   }
 
   /** @param {Rows} rows @param {number} windowS paths are drawn over so long */
@@ -48,6 +53,7 @@ export class Scene {
     this.first = rows.since(rows.nowS() - windowS);
     const found = bounds(rows, this.first) ?? bounds(rows, 0);
     if (!found || width < 2) return;
+    if (this.plan?.whole && this.origin) widen(found, this.plan.points, this.origin);
     this.#fit(found);
     const { camera } = this;
     const last = this.#lastPose(rows);
@@ -57,6 +63,7 @@ export class Scene {
     const ground = this.#ground(c, found);
     if (this.fence) this.#fence(c, this.fence, ground);
     this.#path(c, rows, "north", { colour: colours.soft, width: 1, alpha: 0.35, dash: [], down: ground });
+    if (this.plan && this.origin) this.#plan(c, this.plan.points, this.origin);
     this.#path(c, rows, "ref_north", { colour: colours.b, width: 5, alpha: 0.75, dash: [9, 9] });
     this.#path(c, rows, "north", { colour: colours.a, width: 2, alpha: 1, dash: [] });
     if (last) this.#vehicle(c, last, ground);
@@ -150,6 +157,17 @@ export class Scene {
     }
     c.setLineDash([]);
     c.globalAlpha = 1;
+  }
+
+  /** What is planned. @param {CanvasRenderingContext2D} c @param {number[]} points @param {Triple} origin */
+  #plan(c, points, [north, east, down]) {
+    c.strokeStyle = colours.b;
+    c.lineWidth = 1.25;
+    c.beginPath();
+    for (let k = 0; k + 2 < points.length; k += 3) {
+      c.lineTo(...this.camera.place(north + points[k], east + points[k + 1], down + points[k + 2]));
+    }
+    c.stroke();
   }
 
   /**
@@ -277,6 +295,15 @@ function bounds(rows, first) {
     }
   }
   return box.every(([low, high]) => high >= low) ? box : null;
+}
+
+/** Make room for a plan. @param {Box} box @param {number[]} points @param {Triple} origin */
+function widen(box, points, origin) {
+  points.forEach((metres, i) => {
+    const span = box[i % 3];
+    span[0] = Math.min(span[0], origin[i % 3] + metres);
+    span[1] = Math.max(span[1], origin[i % 3] + metres);
+  });
 }
 
 /** @param {CanvasRenderingContext2D} c @param {[number, number]} from @param {[number, number]} to @param {string} colour */

@@ -3,13 +3,20 @@
 import { remarks } from "./fleet.js";
 import { duration, figure, look, make, put, STATES, UNKNOWN } from "./words.js";
 
-/** States in which nothing is flown: what blocks engaging there; empty is the reason that the vehicle gives. */
+const BLOCKED = "Blocks engaging";
+const AGAIN = /** @type {[string, string]} */ (["To engage again", "Order it: conditions are looked at then, and the answer names one that is not met."]);
+/**
+ * States in which nothing is flown: a title, and what it says of engaging; empty is the reason that the vehicle gives.
+ * @type {Map<string, [string, string]>}
+ */
 const BLOCKS = new Map([
-  ["disconnected", ""],
-  ["connected", ""],
-  ["withheld", ""],
-  ["ready", "Nothing: it may be engaged."],
-  ...["handed-over", "aborted", "finished"].map((state) => /** @type {[string, string]} */ ([state, "A fresh order to engage; the vehicle answers if a condition is not met."])),
+  ["disconnected", [BLOCKED, ""]],
+  ["connected", [BLOCKED, ""]],
+  ["withheld", [BLOCKED, ""]],
+  ["ready", [BLOCKED, "Nothing: it may be engaged."]],
+  ["handed-over", AGAIN],
+  ["aborted", AGAIN],
+  ["finished", ["To engage again", "Start its service: this one has ended."]],
 ]);
 
 const $ = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
@@ -56,7 +63,9 @@ export class VehiclePanel {
     put($("reason"), live ? reason || "It publishes nothing that this version reads." : `Last said: ${seen.state ?? "nothing"}${seen.reason ? `, ${seen.reason}` : ""}`);
     const blocks = $("blocks");
     blocks.hidden = !live || !BLOCKS.has(seen.state ?? "");
-    put(blocks.children[1], BLOCKS.get(seen.state ?? "") || seen.reason || "It does not say.");
+    const [title, said] = BLOCKS.get(seen.state ?? "") ?? ["", ""];
+    put(blocks.children[0], title);
+    put(blocks.children[1], said || seen.reason || "It does not say.");
     const veil = $("veil");
     veil.hidden = live;
     if (!live) put(veil, `${seen.contact} for ${duration(seen.quiet_s)}: what is drawn is old`);
@@ -82,11 +91,7 @@ export class VehiclePanel {
       list.replaceChildren(...cautions.map((/** @type {string} */ text) => make("li", "", text)));
     }
     put($("link-words"), words(link, timing, about.fence));
-    const streams = (link?.streams ?? []).map((/** @type {any} */ stream) => {
-      const line = make("li", stream.good ? "" : "poor", `${stream.good ? "✓" : "!"} ${stream.message} `);
-      line.append(make("span", "value", `${figure(stream.rate_hz, 1)} of ${figure(stream.wanted_hz, 0)} Hz`));
-      return line;
-    });
+    const streams = (link?.streams ?? []).map(streamLine);
     const key = streams.map((/** @type {HTMLElement} */ line) => line.textContent).join();
     if ($("streams").dataset.said !== key) {
       $("streams").dataset.said = key;
@@ -101,6 +106,16 @@ export class VehiclePanel {
   }
 }
 
+/** One message stream: only of one that the service insists on does the rate matter. @param {any} stream */
+function streamLine(stream) {
+  const poor = stream.insisted && !stream.good;
+  const none = !poor && !(stream.comes && stream.rate_hz >= 0.05);
+  const wanted = stream.insisted ? ` of ${figure(stream.wanted_hz, 0)}` : "";
+  const line = make("li", poor ? "poor" : "", `${poor ? "!" : none ? "○" : "✓"} ${stream.message} `);
+  line.append(make("span", "value", none ? "not needed" : `${figure(stream.rate_hz, 1)}${wanted} Hz`));
+  return line;
+}
+
 /** @param {any} link @param {any} timing @param {any} fence */
 function words(link, timing, fence) {
   const said = [];
@@ -109,6 +124,6 @@ function words(link, timing, fence) {
     said.push(`loop at most ${figure(timing.lateness_max_s * 1e3, 1)} ms late in this run, largest gap between setpoints ${figure(timing.setpoint_gap_max_s * 1e3, 0)} ms`);
     if (timing.dropped_records) said.push(`${timing.dropped_records} records of telemetry dropped`);
   }
-  if (fence?.degrees) said.push("the fence is in degrees and is not drawn");
+  if (fence?.degrees) said.push("the fence is not drawn: it is in degrees, and the autopilot has not said where its local origin is");
   return said.length ? `${said.join("; ")}.` : "No figures of link and loop.";
 }

@@ -36,6 +36,11 @@ POSITION_NED_M: Final = Vec3(-20.0, 0.0, 0.0)
 HEADINGS_RAD: Final = tuple(0.01 * (i - 3.5) for i in range(8))
 #: Of the distance between two answers: a yaw rate that is farther from each answers no state (neutral ones).
 _TOLERANCE: Final = 0.2
+#: A PX4 that takes rates alone: 1.17.0, released.
+_VERSION_ID: Final = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+_VERSION: Final = dialect.MAVLink_autopilot_version_message(
+    0, 0x011100FF, 0, 0, 0, bytes(8), bytes(8), bytes(8), 0, 0, 0
+)
 _HEARTBEAT_NS: Final = 1_000_000_000
 _MODE_NS: Final = 100_000_000
 _HOLD: Final = 4 << 16 | 3 << 24
@@ -136,6 +141,8 @@ class Conversation:
             elif message.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM:
                 self._armed = message.param1 == 1.0
                 self._heartbeat_ns -= _HEARTBEAT_NS
+            elif message.command == dialect.MAV_CMD_REQUEST_MESSAGE and message.param1 == _VERSION_ID:
+                self._say(_VERSION)
             self._say(dialect.MAVLink_command_ack_message(message.command, dialect.MAV_RESULT_ACCEPTED))
 
     def _say(self, message: Any) -> None:

@@ -25,7 +25,7 @@ from guidance.guard_limits import GuardsConfig, leaves_after_s
 from guidance.handling_config import ExcitationConfig
 from guidance.mavlink.link import AutopilotLink
 from guidance.mavlink.profiles import Asked
-from guidance.records import AirplaneHandling
+from guidance.records import AirplaneHandling, Stepping
 from guidance.se3 import Quaternion, Vec3, dot, norm, roll_of, rotate, scale
 from guidance.tracker import Solution, is_usable
 from guidance.tune import room
@@ -258,7 +258,7 @@ def _effect(look: Look) -> str | None:
 
 def _air(look: Look) -> str | None:
     around = None if look.solution is None else look.solution.flown.around
-    blind = isinstance(around, AirplaneHandling) and around.blind
+    blind = isinstance(around, AirplaneHandling | Stepping) and around.blind
     return "neither airspeed nor wind is known any more" if blind else None
 
 

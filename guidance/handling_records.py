@@ -65,7 +65,7 @@ class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """One step of a tuning flight (`guidance.flying.excited`): `into_s` into `phase` of `run`.
 
     While it is "stepping", `channel` is measured: `measured` at `measured_ns`, which changes by `push` each
-    second for other reasons than the command.
+    second for other reasons than the command. `blind`: as of an airplane (`AirplaneHandling`).
     """
 
     run: str
@@ -75,6 +75,7 @@ class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     measured: float = 0.0
     measured_ns: int = 0
     push: float = 0.0
+    blind: bool = False
 
 
 class VelocityHandling(Record, frozen=True, kw_only=True, gc=False):

@@ -143,10 +143,26 @@ def test_at_its_end_the_thrust_teaches_nothing() -> None:
     memory, demand, ends = rates_step(P, LEVEL, IDENTITY, sinking, ZERO, 0.0, DT)
     assert ends.thrust
     assert demand.thrust == pytest.approx(0.75)
-    assert memory.hover_part == 1.0
     low = P._replace(thrust_max=0.55)
     memory, demand, ends = rates_step(low, LEVEL, IDENTITY, Vec3(0.0, 0.0, 1.0), ZERO, 0.0, DT)
     assert (memory.hover_part, demand.thrust, ends.thrust) == (1.0, 0.55, True)
+
+
+@pytest.mark.parametrize(
+    ("start", "needed"), [(HOVER_LEAST, 1.0), (0.6, 1.5), (1.0, 1.9), (HOVER_MOST, 0.7), (HOVER_MOST, 1.0)]
+)
+def test_from_whatever_hover_thrust_it_finds_the_right_one(start: float, needed: float) -> None:
+    """Also one that all it may ask for does not carry at first: it fell for ever."""
+    p = P._replace(hover_thrust=0.4)
+    memory, down_m, sinks = LEVEL._replace(hover_part=start), 0.0, 0.0
+    for _ in range(3000):
+        asked = Vec3(0.0, 0.0, min(max(-0.5 * down_m, -1.5), 1.5))
+        memory, demand, _ = rates_step(p, memory, IDENTITY, Vec3(0.0, 0.0, sinks), asked, 0.0, DT)
+        sinks += DT * G * (1.0 - demand.thrust / (0.4 * needed))
+        down_m += DT * sinks
+    assert memory.hover_part == pytest.approx(needed, rel=0.01)
+    assert abs(down_m) < 1.0
+    assert abs(sinks) < 0.5
 
 
 def test_who_boosts_by_itself_is_not_boosted_again() -> None:

@@ -133,6 +133,13 @@ def test_the_tighter_of_configuration_and_autopilot_holds() -> None:
     assert "horizontal acceleration: 0.9 m/s^2 needed" in str(handler.fit(PX4))
 
 
+def test_a_tilt_that_binds_is_named() -> None:
+    able = fitted("px4-copter", "copter.tilt_max_deg=8").abilities()
+    assert able is not None
+    assert able.acceleration_m_s2.value < 1.2
+    assert able.acceleration_m_s2.source == "copter.tilt_max_deg 8"
+
+
 def test_ardupilot_s_thrust_means_what_guid_options_says() -> None:
     p = fitted("ardupilot-copter")._by_rates
     assert p is not None

@@ -136,6 +136,15 @@ def test_the_fence_ends_it() -> None:
     assert "outside the fence" in events_of(flight, "guard_fence")[0]
 
 
+def test_without_airspeed_and_wind_it_ends() -> None:
+    """10 s by the last wind, and 5 s of the guard."""
+    flight = engaged(plan_of("px4-plane"))
+    flight.run(2.0)
+    flight.vehicle.withhold("VFR_HUD", "WIND_COV")
+    fly_until(flight, State.ABORTED, 17.0)
+    assert "neither airspeed nor wind" in events_of(flight, "guard_air")[0]
+
+
 def test_without_room_it_is_not_engaged_and_says_what_would_do() -> None:
     why = r"fence: the steps need [34]\d\d m ahead.*guards\.fence_ned_m = \[\["
     with pytest.raises(AssertionError, match=why):

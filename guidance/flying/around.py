@@ -49,6 +49,7 @@ class Around:
         self._down_m = 0.0
         self._way: Path | None = None
         self._wind_ned_m_s = ZERO
+        self._blind = False
 
     @property
     def learned(self) -> str:
@@ -149,4 +150,5 @@ class Around:
             measured=seen.value,
             measured_ns=seen.instant_ns,
             push=seen.push,
+            blind=self._blind,
         )

@@ -73,6 +73,7 @@ class ExcitedAirplane(Around):
         flown = self._inner.step(estimate, along, dt_s)
         around = flown.around
         assert isinstance(around, AirplaneHandling)
+        self._blind = around.blind
         stepping = self._phase is Phase.STEPPING
         if not stepping:
             self._wind_ned_m_s = Vec3(*around.wind_ned_m_s)

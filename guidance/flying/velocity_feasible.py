@@ -56,6 +56,9 @@ def abilities(config: Config, values: Mapping[str, float], p: velocity.Parameter
         Bound(tilted_m_s2(lean), f"g tan {names.tilt} {lean:g}"),
         _own(limits.acceleration_max_m_s2, "limits.acceleration_max_m_s2"),
     ).less(1.0 - ACCELERATION_PART)
+    own_lean = c.tilt_max_deg if c.output == "rates" else None
+    if own_lean is not None and own_lean < lean and p.limits.acceleration_m_s2 < acceleration.value:
+        acceleration = Bound(p.limits.acceleration_m_s2, f"copter.tilt_max_deg {own_lean:g}")
     return VelocityAbilities(
         speed._replace(value=p.limits.speed_max_m_s),
         up._replace(value=p.up_max_m_s),

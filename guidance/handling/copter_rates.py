@@ -12,7 +12,8 @@ the yaw rate, which turns the axis with the nose:
 
     w = gain log(q_e) + R^T (0, 0, yaw rate)        q_e: the shortest turn of the body's z to there
 
-Height goes before the way: the tilt is cut and not the climb. What is at an end does not learn.
+Height goes before the way: the tilt is cut and not the climb. What is at an end does not learn further beyond
+it; the hover thrust learns from what is carried, which is bounded, or a wrong one would never be found.
 """
 
 from __future__ import annotations
@@ -138,8 +139,8 @@ def rates_step(
         wished = part * p.hover_thrust * carried / lean
         thrust = clamp(wished, p.thrust_min, p.thrust_max)
         at_end = carried != wanted or thrust != wished
-        if not at_end:
-            part -= dt * p.i_up_per_s2 * part * short.z / GRAVITY_M_S2
+        if (wished - thrust) * (carried - 1.0) <= 0.0:  # what the rotors cannot give is not learned
+            part += dt * p.i_up_per_s2 / p.p_up_per_s * part * (carried - 1.0)
             part = clamp(part, HOVER_LEAST, HOVER_MOST)
 
     # Level: as far as the tilt goes.

@@ -239,7 +239,8 @@ def completed(words: Sequence[str], incomplete: str, program: str = "guidance") 
 
 
 def test_the_shell_completes_commands_options_and_values() -> None:
-    assert completed([], "re") == ["replay"]
+    assert sorted(completed([], "re")) == ["replay", "report"]
+    assert completed(["replay", "--set"], "law.k") == ["law.k="]
     assert completed(["run"], "--co") == ["--config"]
     assert completed(["run", "--set"], "law.rho") == ["law.rho2_per_s=", "law.rho3_per_s="]
     assert completed(["command", "uuv-1"], "h") == ["hold"]
@@ -261,6 +262,33 @@ def test_settings_complete_to_keys_and_to_the_words_that_they_take() -> None:
     assert completion.setting("zenoh.commands=") == ["zenoh.commands=true", "zenoh.commands=false"]
     assert completion.setting("law.k=") == completion.setting("nosuch.key=") == []
     assert completion.trajectory("l") == ["line", "lemniscate"]
+
+
+def test_logs_and_configurations_are_completed_as_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "logs").mkdir()
+    for name in ("logs/a.mcap", "logs/notes.txt", "b.mcap", ".hidden.mcap", "vehicle.toml"):
+        (tmp_path / name).write_bytes(b"")
+    assert completion.logs("") == ["b.mcap", "logs/"]
+    assert completion.logs("logs/") == ["logs/a.mcap"]
+    assert completion.logs("nosuch/") == []
+    assert completion.configurations("v") == ["vehicle.toml"]
+    assert completed(["report"], "logs/") == ["logs/a.mcap"]
+    assert completed(["replay", "--config"], "ve") == ["vehicle.toml"]
+
+
+@pytest.mark.parametrize("verb", [["report"], ["replay"], ["replay", "--set", "law.k=1"]])
+def test_what_is_no_log_is_one_line_for_person_and_journal(
+    verb: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hostile = tmp_path / "a\x1b[2J\nb.mcap"
+    status, out, err = call(monkeypatch, capsys, "guidance", *verb, str(hostile))
+    assert (status, out) == (2, "")
+    assert err.startswith("guidance: ")
+    assert err.count("\n") == 1
+    assert "\x1b" not in err
 
 
 @pytest.mark.parametrize("arguments", ["fuzz --inputs 20 --json", "faults --only reboot --json"])

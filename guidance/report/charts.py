@@ -233,7 +233,7 @@ def _places(places: Floats, *, space: bool) -> Chart:
 
 
 def _east_north(corners: Floats) -> Chart:
-    return {"x": corners[:, 0].tolist(), "y": corners[:, 1].tolist(), "hoverinfo": "name"}
+    return {"x": packed(corners[:, 0]), "y": packed(corners[:, 1]), "hoverinfo": "name"}
 
 
 def _layout(height_px: int) -> Chart:

@@ -128,6 +128,11 @@ class Gathering:
             if len(column) < self._count:
                 column.append(value)
 
+    @property
+    def tracked(self) -> bool:
+        """Whether anything was tracked yet."""
+        return self._error is not None
+
     def columns(self) -> Columns:
         """All rows; nothing may be added after."""
         times = np.frombuffer(self._times, dtype=np.int64).reshape(-1, 2)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidance.config import Config, ConfigError, from_json, profile_of
+from guidance.geodesy import Geodetic
 from guidance.geofence import Fence
 from guidance.guard_limits import fence_of
 from guidance.mavlink.profiles import Handling
@@ -36,6 +37,7 @@ from guidance.records import (
 )
 from guidance.replay import ReplayError, session_of
 from guidance.report.columns import Columns, Floats, Gathering, Times
+from guidance.report.earth import Origin
 from guidance.supervisor import SETPOINTS, Setpoints
 from guidance.telemetry.log import LogDamaged, Passed
 from guidance.telemetry.log_parts import PartMissing, read_run
@@ -77,13 +79,15 @@ class Flight(NamedTuple):
     """All that a report needs of one run. `incomplete` says in words where and why the log ends early.
 
     `stretches` are the half-open ranges of rows of `columns` in which one trajectory was tracked, from its
-    start to its end. `zero_ns` is the first of them: plots count from there.
+    start to its end. `origin` is that of the local frame when they began (deg, deg, m AMSL), looked for if
+    the fence is on earth. `zero_ns` is the first of them: plots count from there.
     """
 
     path: Path
     session: Session
     config: Config
     handling: Handling
+    origin: Geodetic | None
     columns: Columns
     stretches: tuple[tuple[int, int], ...]
     zero_ns: int
@@ -104,7 +108,13 @@ class Flight(NamedTuple):
     def fence(self) -> Fence | None:
         """The fence, if it is known in the frame of the plots."""
         guards = self.config.guards
-        fence = fence_of(guards, guards.fence_ned_m)
+        corners = guards.fence_ned_m
+        if guards.fence_deg:
+            if self.origin is None:
+                return None
+            project, origin = profile_of(self.config).project, self.origin
+            corners = tuple(project((*at, origin[2]), origin)[:2] for at in guards.fence_deg)
+        fence = fence_of(guards, corners)
         return None if fence == Fence() else fence
 
 
@@ -180,6 +190,7 @@ def _read(path: Path, passed: Passed | None) -> Flight:
     except ConfigError as error:
         raise ReportError(f"{path}: {error}; use guidance {session.guidance_version}") from None
     gathering, told = Gathering(), _Told()
+    origin = Origin(config) if config.guards.fence_deg else None
     newest_input = b""
     instant = msgspec.json.Decoder(_Instant).decode
 
@@ -211,6 +222,8 @@ def _read(path: Path, passed: Passed | None) -> Flight:
         for topic, payload in lines:
             if topic == raw:
                 newest_input = payload
+                if origin is not None and not gathering.tracked:
+                    origin.take(payload)
             elif topic in take:
                 take[topic](payload)
     except LogDamaged as error:
@@ -227,6 +240,7 @@ def _read(path: Path, passed: Passed | None) -> Flight:
         session=session,
         config=config,
         handling=profile_of(config).handling,
+        origin=None if origin is None else origin.place,
         columns=columns,
         stretches=stretches,
         zero_ns=int(columns.sent_ns[stretches[0][0]]),

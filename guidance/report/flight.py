@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
@@ -130,7 +131,7 @@ def read_flight(path: Path, passed: Passed | None = None) -> Flight:
         return _read(path, passed)
     except PartMissing as error:
         raise ReportError(str(error)) from None
-    except ReplayError as error:
+    except (ReplayError, LogDamaged) as error:
         raise ReportError(str(error)) from None
 
 
@@ -181,10 +182,7 @@ def _decoding(kind: type[R], take: Callable[[R], object]) -> tuple[str, Callable
 def _read(path: Path, passed: Passed | None) -> Flight:
     lines = read_run(path, passed)
     incomplete = ""
-    try:
-        session = session_of(path, lines)
-    except LogDamaged as error:
-        raise ReportError(str(error)) from None
+    session = session_of(path, lines)
     try:
         config = from_json(session.config_json)
     except ConfigError as error:
@@ -228,7 +226,7 @@ def _read(path: Path, passed: Passed | None) -> Flight:
                 take[topic](payload)
     except LogDamaged as error:
         incomplete = str(error)
-    except NOT_A_RECORD as error:
+    except (*NOT_A_RECORD, OverflowError, ValueError, struct.error) as error:
         incomplete = f"{path}: a record of topic {topic} cannot be read ({error}); nothing after it was used"
     columns = gathering.columns()
     stretches = stretches_of(columns.trajectory_s, np.isfinite(columns.norm_m))

@@ -75,6 +75,12 @@ def fences_of(shown: Sequence[Shown]) -> Floats | None:
     return np.concatenate(parts[:-1]) if parts else None
 
 
+def lowest_m(paths: Sequence[Path3]) -> float:
+    """The least height that was flown, 0 if none is known."""
+    heights = [float(np.nanmin(path.flown[:, 2])) for path in paths if len(path.flown)]
+    return min(heights, default=0.0)
+
+
 def box_of(places: Sequence[Floats], fence: Floats | None) -> Box:
     """What holds these places (n, 3) and the fence's corners, with a margin."""
     seen = [place for place in places if len(place)]

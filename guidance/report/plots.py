@@ -7,20 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from guidance.report import looks
 from guidance.report.columns import Floats
 from guidance.report.panels import Section, Shown, sections_of
-from guidance.report.paths import Path3, box_of, fences_of, paths_of
+from guidance.report.paths import Path3, box_of, fences_of, lowest_m, paths_of
 from guidance.report.timeline import Timeline, timeline_of
 
 _DOTS_PER_INCH: Final = 150
 _WIDTH_INCH: Final = 8.0
 _STYLE: Final[dict[Any, Any]] = {
     "font.size": 9.0,
+    "text.parse_math": False,  # a name may have dollars in it
     "axes.titlesize": 9.0,
     "axes.titlelocation": "left",
     "axes.grid": True,
@@ -117,8 +117,15 @@ def _space(paths: Sequence[Path3], fence: Floats | None) -> Figure:
         axes.plot(*([value] for value in path.start), "o", color=looks.START, markersize=5.0, zorder=3)
     box = box_of([place for path in paths for place in (path.reference, path.flown)], fence)
     if fence is not None:
-        floor = min(float(np.nanmin(path.flown[:, 2])) for path in paths)
-        axes.plot(*fence.T, floor, color=looks.FENCE, linestyle="--", linewidth=1.0, zorder=0, label="fence")
+        axes.plot(
+            *fence.T,
+            lowest_m(paths),
+            color=looks.FENCE,
+            linestyle="--",
+            linewidth=1.0,
+            zorder=0,
+            label="fence",
+        )
     axes.set_box_aspect(box.sides)
     for axis, name, limits in zip("xyz", ("east", "north", "height"), box.ranges, strict=True):
         getattr(axes, f"set_{axis}lim")(limits)

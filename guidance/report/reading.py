@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from guidance.printable import printable
 from guidance.report.flight import Flight, read_flight
 from guidance.report.judged import judged
 from guidance.report.panels import Shown
@@ -27,11 +28,11 @@ def read_all(logs: Sequence[Path], converged_m: float | None, passed: Passed | N
 def labels_of(flights: Sequence[Flight]) -> list[str]:
     """The vehicle's name for one flight; for several the files' names where they are short, else letters."""
     if len(flights) == 1:
-        return [flights[0].session.vehicle]
-    names = [flight.path.stem for flight in flights]
+        return [printable(flights[0].session.vehicle)]
+    names = [printable(flight.path.stem) for flight in flights]
     if len(set(names)) == len(names) and max(map(len, names)) <= _SHORT:
         return names
     return [
-        f"{chr(ord('A') + i % 26)}{i // 26 or ''} {flight.session.vehicle}"
+        f"{chr(ord('A') + i % 26)}{i // 26 or ''} {printable(flight.session.vehicle)}"
         for i, flight in enumerate(flights)
     ]

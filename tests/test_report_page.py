@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib import image
+from matplotlib.figure import Figure
 from mcap.writer import Writer
 from pymavlink.dialects.v20 import all as dialect
 from typer.testing import CliRunner
@@ -217,7 +218,7 @@ def test_the_fence_is_on_every_picture_of_the_path(tmp_path: Path, monkeypatch: 
     flight = fenced(tmp_path, square)
     shown_ = [Shown("a", flight, [judged(flight, one) for one in flight.stretches])]
     drawn: dict[str, Any] = {}
-    monkeypatch.setattr(plots.Figure, "savefig", lambda self, path, **_: drawn.__setitem__(path.stem, self))
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: drawn.__setitem__(path.stem, self))
     plots.write(shown_, tmp_path / "png")
     for name in ("plan", "space"):
         axes = drawn[name].axes[0]

@@ -139,8 +139,8 @@ class Gathering:
         """All rows; nothing may be added after."""
         times = np.frombuffer(self._times, dtype=np.int64).reshape(-1, 2)
         rows = np.frombuffer(self._rows, dtype=np.float64).reshape(len(times), -1 if len(times) else _WIDTH)
-        for column in rows.T:
-            column[np.abs(column) > _MOST] = _NAN
+        for values in rows.T:
+            values[np.abs(values) > _MOST] = _NAN
         place = 0
         taken: dict[str, Any] = {}
         for name, width in _LAYOUT.items():

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from guidance.entry import FAILED, complain, refused
 from guidance.network_options import Connect, Listen, ZenohFile
 
 #: The one package of the extra `dashboard`.
@@ -52,8 +53,9 @@ def dashboard(
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != _PACKAGE:
             raise
-        _say("it is not installed: pip install 'se3-guidance[dashboard]'")
-        raise typer.Exit(2) from None
+        raise refused(
+            "guidance dashboard", "it is not installed: pip install 'se3-guidance[dashboard]'"
+        ) from None
     try:
         status = serve(
             connect=connect or (),
@@ -67,13 +69,8 @@ def dashboard(
             open_browser=open_browser,
         )
     except ValueError as error:
-        _say(str(error))
-        raise typer.Exit(2) from None
+        raise refused("guidance dashboard", error) from None
     except DashboardError as error:
-        _say(str(error))
-        raise typer.Exit(1) from None
+        complain("guidance dashboard", error)
+        raise typer.Exit(FAILED) from None
     raise typer.Exit(status)
-
-
-def _say(text: str) -> None:
-    typer.echo(f"guidance dashboard: {text}", err=True)

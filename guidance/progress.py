@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Final, TypeVar
 
@@ -67,6 +68,11 @@ class Steps:
     ) -> None:
         self._bar.stop()
 
+    def expect(self, more: int) -> None:
+        """So many more than was known are to be done."""
+        self._total += more
+        self._bar.update(self._task, total=self._total)
+
     def advance(self, steps: int = 1, words: str = "") -> None:
         """So many more are done; `words` say what is done now, or how fast."""
         self._done += steps
@@ -94,6 +100,28 @@ def waiting(program: str, words: str) -> Iterator[None]:
             sys.stderr.write(f"{program}: {words}\n")
             sys.stderr.flush()
         yield
+
+
+@contextmanager
+def reading(program: str) -> Iterator[Callable[[Path, int], None]]:
+    """Tells how far files are read; to be called with a file and how many of its bytes are done."""
+    done_mb: dict[Path, int] = {}
+    with Steps(program, "MB read", 0, steady=True) as steps:
+
+        def passed(path: Path, done: int) -> None:
+            if path not in done_mb:
+                done_mb[path] = 0
+                steps.expect(_megabytes(path.stat().st_size))
+            fresh = _megabytes(done) - done_mb[path]
+            if fresh > 0:
+                done_mb[path] += fresh
+                steps.advance(fresh)
+
+        yield passed
+
+
+def _megabytes(size: int) -> int:
+    return size // 1_000_000
 
 
 def stepped(program: str, what: str, items: Iterable[_Item], total: int) -> Iterator[_Item]:

@@ -23,7 +23,7 @@ from guidance import config
 from guidance.core import Guide
 from guidance.mavlink.signing import Signing, without_hash
 from guidance.records import NOT_A_RECORD, SCHEMA_VERSION, TOPICS, Input, Lost, Packet, Session, Timing
-from guidance.telemetry.log import LogDamaged
+from guidance.telemetry.log import LogDamaged, Passed
 from guidance.telemetry.log_parts import PartMissing, read_run
 
 #: Written by the shell or the recorder, or counting what these did; the core decides nothing by them.
@@ -72,14 +72,14 @@ class Replay(NamedTuple):
         return self.difference is None and not self.stopped and self.tracked > 0
 
 
-def replay(path: Path, tolerance: float = 0.0) -> Replay:
+def replay(path: Path, tolerance: float = 0.0, passed: Passed | None = None) -> Replay:
     """Feed the log's inputs to the core and compare; raises ReplayError, NotALog.
 
     Fractions in the records may differ by `tolerance`; all else, and every packet, is compared exactly.
 
     Of a run whose log went on in further files any one may be given: all are replayed, from the first on.
     """
-    lines = lines_of(path)
+    lines = lines_of(path, passed)
     settings = _configuration(path, lines)
     signed = bool(settings.link.signing_key_file)
     guide = Guide(settings, Signing(None, settings.link.signing_link_id) if signed else None)
@@ -141,10 +141,10 @@ def replay(path: Path, tolerance: float = 0.0) -> Replay:
     return Replay(inputs, compared, setpoints, tracked, (last_ns - first_ns) * 1e-9, difference, stopped)
 
 
-def lines_of(path: Path) -> Iterator[tuple[str, bytes]]:
+def lines_of(path: Path, passed: Passed | None = None) -> Iterator[tuple[str, bytes]]:
     """The run's messages; an early or damaged end becomes a last line without a topic that says so."""
     try:
-        yield from read_run(path)
+        yield from read_run(path, passed)
     except PartMissing as error:
         raise ReplayError(str(error)) from None
     except LogDamaged as error:

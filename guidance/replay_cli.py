@@ -9,7 +9,10 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from guidance.report_cli import refuse, without_extra, write
+from guidance.completion import setting
+from guidance.entry import refused
+from guidance.progress import reading
+from guidance.report_cli import flights_of, without_extra, write
 
 
 def replay(
@@ -21,7 +24,10 @@ def replay(
     overrides: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="Compare with the configuration so changed (repeatable)."
+            "--set",
+            metavar="KEY=VALUE",
+            help="Compare with the configuration so changed (repeatable).",
+            autocompletion=setting,
         ),
     ] = None,
     report: Annotated[
@@ -57,7 +63,9 @@ def replay(
     if config is not None or overrides:
         raise typer.Exit(_compare(log, config, overrides or [], report, as_json=as_json))
     if report is not None:
-        raise refuse("--report is of a comparison: name --config or --set, or take `guidance report`", 2)
+        raise refused(
+            "guidance", "--report is of a comparison: name --config or --set, or take `guidance report`"
+        )
     raise typer.Exit(_again(log, tolerance, as_json=as_json))
 
 
@@ -66,9 +74,10 @@ def _again(log: Path, tolerance: float, *, as_json: bool) -> int:
     from guidance.telemetry.log import NotALog
 
     try:
-        found = again.replay(log, tolerance)
+        with reading("guidance replay") as passed:
+            found = again.replay(log, tolerance, passed)
     except (NotALog, again.ReplayError) as error:
-        raise refuse(error, 2) from None
+        raise refused("guidance", error) from None
     console = Console(stderr=as_json, soft_wrap=True, highlight=False)
     console.print(
         f"{found.flight_s:.1f} s of log, {found.inputs} inputs; compared {found.compared} records, "
@@ -109,9 +118,10 @@ def _compare(
     from guidance.what_if import compare, other_configuration
 
     try:
-        found = compare(log, lambda logged: other_configuration(logged, config, overrides))
+        with reading("guidance replay") as passed:
+            found = compare(log, lambda logged: other_configuration(logged, config, overrides), passed)
     except (NotALog, ReplayError, ConfigError) as error:
-        raise refuse(error, 2) from None
+        raise refused("guidance", error) from None
     console = Console(stderr=as_json, soft_wrap=True, highlight=False, markup=False)
     log_s, count = found.flight_s, len(found.t_ns)
     console.print(f"{log_s:.1f} s of log, {found.inputs} inputs; commands compared at {count} instants")
@@ -145,10 +155,9 @@ def _report(log: Path, config: Path | None, found: object, output: Path) -> None
     try:
         from guidance.report.comparison import drawn
         from guidance.report.page import page
-        from guidance.report.reading import read_all
     except ModuleNotFoundError as error:
         raise without_extra(error) from None
     assert isinstance(found, Comparison)
-    shown = read_all([log], None, refuse)
+    shown = flights_of([log])
     name = "the changed settings" if config is None else config.name
     write(output, page(shown, drawn(found, shown[0].flight, name)))

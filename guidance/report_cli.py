@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
+
+from guidance.entry import FAILED, complain, refused
+from guidance.progress import reading
 
 if TYPE_CHECKING:
     from guidance.report.panels import Shown
@@ -16,17 +18,17 @@ if TYPE_CHECKING:
 EXTRA = frozenset({"numpy", "plotly", "matplotlib"})
 
 
-def refuse(text: object, status: int) -> typer.Exit:
-    """Say what is wrong on stderr; the exit to raise."""
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"guidance: {text}", markup=False)
-    return typer.Exit(status)
+def failed(text: object) -> typer.Exit:
+    """The exit to raise for what did not work out, which is said."""
+    complain("guidance", text)
+    return typer.Exit(FAILED)
 
 
 def without_extra(error: ModuleNotFoundError) -> typer.Exit:
     """The exit to raise for a module of the extra that is missing; raises the error if it is another."""
     if error.name is None or error.name.partition(".")[0] not in EXTRA:
         raise error
-    return refuse(f"{error.name} is missing: pip install 'se3-guidance[report]'", 2)
+    return refused("guidance", f"{error.name} is missing: pip install 'se3-guidance[report]'")
 
 
 def report(
@@ -67,10 +69,9 @@ def report(
     try:
         from guidance.report.judged import as_json as json_of
         from guidance.report.page import page
-        from guidance.report.reading import read_all
     except ModuleNotFoundError as error:
         raise without_extra(error) from None
-    shown = read_all(logs, converged, refuse)
+    shown = flights_of(logs, converged)
     write(output, page(shown))
     if png is not None:
         draw(shown, png)
@@ -78,12 +79,31 @@ def report(
         typer.echo(json.dumps(json_of([(one.flight, one.figures) for one in shown])))
 
 
+def flights_of(logs: list[Path], converged_m: float | None = None) -> list[Shown]:
+    """The logs, read and judged; says which are incomplete. Exit 1 where none is flown, 2 for no log."""
+    from guidance.report.flight import NoFlightError, ReportError
+    from guidance.report.reading import read_all
+    from guidance.telemetry.log import NotALog
+
+    try:
+        with reading("guidance report") as passed:
+            shown = read_all(logs, converged_m, passed)
+    except NoFlightError as error:
+        raise failed(error) from None
+    except (NotALog, ReportError) as error:
+        raise refused("guidance", error) from None
+    for one in shown:
+        if one.flight.incomplete:
+            complain("guidance", f"{one.flight.incomplete}; reporting on what is there")
+    return shown
+
+
 def write(path: Path, text: str) -> None:
     """The HTML file, and a line on stderr that says where; Exit 1 if it cannot be written."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise refuse(f"{path}: cannot be written: {error.strerror}", 1) from None
+        raise failed(f"{path}: cannot be written: {error.strerror}") from None
     typer.echo(f"{path}: {len(text.encode()) / 1e6:.1f} MB", err=True)
 
 
@@ -94,5 +114,5 @@ def draw(shown: list[Shown], directory: Path) -> None:
     try:
         made = plots.write(shown, directory)
     except OSError as error:
-        raise refuse(f"{directory}: cannot be written: {error.strerror}", 1) from None
+        raise failed(f"{directory}: cannot be written: {error.strerror}") from None
     typer.echo(f"{directory}: {', '.join(path.name for path in made)}", err=True)

@@ -25,6 +25,7 @@ from guidance.mavlink.signing import Signing
 from guidance.record import Wxyz
 from guidance.records import NOT_A_RECORD, TOPICS, Input, Lost, Setpoint, Status
 from guidance.replay import ReplayError, lines_of, session_of
+from guidance.telemetry.log import Passed
 
 #: So many partings are told.
 PARTINGS_MOST: Final = 20
@@ -131,7 +132,7 @@ def other_configuration(logged: Config, file: Path | None, overrides: Sequence[s
     return checked(replace(other, link=link))
 
 
-def compare(path: Path, choose: Callable[[Config], Config]) -> Comparison:
+def compare(path: Path, choose: Callable[[Config], Config], passed: Passed | None = None) -> Comparison:
     """Feed the log's inputs to a core with another configuration, which `choose` makes of the logged one.
 
     Raises:
@@ -139,7 +140,7 @@ def compare(path: Path, choose: Callable[[Config], Config]) -> Comparison:
         ReplayError: not a log of ours, or of another schema, or of inputs that no service had.
         ConfigError: what was chosen is no configuration.
     """
-    lines = lines_of(path)
+    lines = lines_of(path, passed)
     session = session_of(path, lines)
     try:
         flown = from_json(session.config_json)

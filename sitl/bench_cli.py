@@ -188,12 +188,19 @@ def bench_report(
 ) -> None:
     """Measure `guidance report` and `guidance replay` on an hour's log: time, memory and the page's size.
 
-    Takes some five minutes, most of it to fly the hour. Exit status 0 only if every goal is met on this
-    machine.
+    Takes some five minutes, most of it to fly the hour.
+
+    Exit status 0 only if every goal is met on this machine, 1 if not.
+
+    Example:
+
+    \b
+    sitl bench report --seconds 60 --json
     """
     from sitl import bench_report as reports
 
-    report = reports.measure(seconds)
+    with Steps("sitl bench report", "parts", reports.PARTS, steady=True) as steps:
+        report = reports.measure(seconds, steps.advance)
     _print_bench(report, reports.rows(report), (), as_json=as_json)
     raise typer.Exit(0 if report["met"] else 1)
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -23,6 +24,8 @@ GOAL_S: Final = 30.0
 GOAL_MIB: Final = 1024.0
 GOAL_FACTOR: Final = 50.0
 _HOUR_S: Final = 3600.0
+#: The flight, two reports and two replays.
+PARTS: Final = 5
 
 
 class Spent(NamedTuple):
@@ -33,15 +36,23 @@ class Spent(NamedTuple):
     peak_mib: float
 
 
-def measure(flight_s: float = _HOUR_S) -> dict[str, Any]:
-    """All figures, and whether the goals are met; the report's are for an hour, in proportion for less."""
+def measure(flight_s: float = _HOUR_S, advance: Callable[[], object] = lambda: None) -> dict[str, Any]:
+    """All figures, and whether the goals are met; the report's are for an hour, in proportion for less.
+
+    `advance` is called after each of the `PARTS`.
+    """
     with tempfile.TemporaryDirectory() as directory:
         log, html = _log(Path(directory), flight_s), Path(directory) / "report.html"
+        advance()
         report = _spent("report", str(log), "--output", str(html))
+        advance()
         page_mb = html.stat().st_size / 1e6
         images = _spent("report", str(log), "--output", str(html), "--png", directory)
+        advance()
         again = _spent("replay", str(log))
+        advance()
         otherwise = _spent("replay", str(log), "--set", "law.k=0.5")
+        advance()
         log_mb = log.stat().st_size / 1e6
     factors = (flight_s / again.seconds, flight_s / otherwise.seconds)
     due_s = GOAL_S * max(flight_s / _HOUR_S, 0.1)

@@ -239,7 +239,8 @@ def completed(words: Sequence[str], incomplete: str, program: str = "guidance") 
 
 
 def test_the_shell_completes_commands_options_and_values() -> None:
-    assert completed([], "re") == ["replay"]
+    assert sorted(completed([], "re")) == ["replay", "report"]
+    assert completed(["replay", "--set"], "law.k") == ["law.k="]
     assert completed(["run"], "--co") == ["--config"]
     assert completed(["run", "--set"], "law.rho") == ["law.rho2_per_s=", "law.rho3_per_s="]
     assert completed(["command", "uuv-1"], "h") == ["hold"]
@@ -261,6 +262,25 @@ def test_settings_complete_to_keys_and_to_the_words_that_they_take() -> None:
     assert completion.setting("zenoh.commands=") == ["zenoh.commands=true", "zenoh.commands=false"]
     assert completion.setting("law.k=") == completion.setting("nosuch.key=") == []
     assert completion.trajectory("l") == ["line", "lemniscate"]
+
+
+@pytest.mark.parametrize("words", [["report"], ["replay"], ["replay", "--config"], ["run", "--config"]])
+def test_files_are_left_to_the_shell(words: list[str], tmp_path: Path) -> None:
+    """It completes files, and knows what a directory is, where the program offers nothing."""
+    (tmp_path / "flight.mcap").write_bytes(b"")
+    assert completed(words, f"{tmp_path}/") == []
+
+
+@pytest.mark.parametrize("verb", [["report"], ["replay"], ["replay", "--set", "law.k=1"]])
+def test_what_is_no_log_is_one_line_for_person_and_journal(
+    verb: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hostile = tmp_path / "a\x1b[2J\nb.mcap"
+    status, out, err = call(monkeypatch, capsys, "guidance", *verb, str(hostile))
+    assert (status, out) == (2, "")
+    assert err.startswith("guidance: ")
+    assert err.count("\n") == 1
+    assert "\x1b" not in err
 
 
 @pytest.mark.parametrize("arguments", ["fuzz --inputs 20 --json", "faults --only reboot --json"])

@@ -13,18 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib import image
+from matplotlib.figure import Figure
 from mcap.writer import Writer
+from pymavlink.dialects.v20 import all as dialect
 from typer.testing import CliRunner
 
 from guidance.cli import app
-from guidance.config import load
+from guidance.config import load, profile_of
+from guidance.mavlink.codec import PacketWriter
 from guidance.mavlink.profiles import Handling
+from guidance.records import Input, InputKind
+from guidance.report import plots
 from guidance.report.columns import Floats
-from guidance.report.flight import read_flight
+from guidance.report.flight import Flight, read_flight
 from guidance.report.judged import GROUPS, Figures, judged, shown
 from guidance.report.page import _json
 from guidance.report.panels import Shown, sections_of
-from guidance.report.paths import box_of
+from guidance.report.paths import box_of, fence_outline
 from guidance.report.reading import labels_of
 from tests.flight_asset import ASSET
 from tests.hand_made_flight import flown, log_of, status, with_session
@@ -181,6 +186,44 @@ def test_the_box_holds_all_and_is_neither_flat_nor_filled_by_noise() -> None:
     assert box.sides == pytest.approx([0.5, 1.0, 0.25])
     fenced = box_of([level], np.array([[-100.0, -100.0], [100.0, 100.0]]))
     assert fenced.ranges[0][0] < -100.0 < 100.0 < fenced.ranges[1][1]
+
+
+def fenced(tmp_path: Path, *settings: str, packet: bytes = b"") -> Flight:
+    """A flight by hand whose log has this packet among its inputs."""
+    came = Input(t_ns=1, seq=0, kind=InputKind.DATAGRAM, data=packet)
+    return read_flight(log_of(tmp_path, make_config(*settings), [came, *flown(2.0, track)]))
+
+
+def origin_at(latitude: int, longitude: int, system: int = 1, component: int = 1) -> bytes:
+    message = dialect.MAVLink_gps_global_origin_message(latitude, longitude, 50_000)
+    return PacketWriter(system, component).pack(message)
+
+
+PLACES = ((47.0, 8.0), (47.001, 8.0), (47.001, 8.001), (47.0, 8.001))
+
+
+def test_a_fence_on_earth_stands_where_the_log_says_that_the_local_frame_is(tmp_path: Path) -> None:
+    setting = f"guards.fence_deg={[list(place) for place in PLACES]}"
+    profile = profile_of(make_config())
+    outline = fence_outline(fenced(tmp_path, setting, packet=origin_at(470_000_000, 80_000_000)))
+    assert outline is not None
+    wanted = [profile.project((*place, 50.0), (47.0, 8.0, 50.0))[:2] for place in PLACES]
+    assert outline == pytest.approx(np.array([*wanted, wanted[0]])[:, ::-1])
+    for unknown in (b"", origin_at(0, 0), origin_at(470_000_000, 80_000_000, system=9)):
+        assert fence_outline(fenced(tmp_path, setting, packet=unknown)) is None
+
+
+def test_the_fence_is_on_every_picture_of_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    square = "guards.fence_ned_m=[[-40.0,-40.0],[40.0,-40.0],[40.0,40.0],[-40.0,40.0]]"
+    flight = fenced(tmp_path, square)
+    shown_ = [Shown("a", flight, [judged(flight, one) for one in flight.stretches])]
+    drawn: dict[str, Any] = {}
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: drawn.__setitem__(path.stem, self))
+    plots.write(shown_, tmp_path / "png")
+    for name in ("plan", "space"):
+        axes = drawn[name].axes[0]
+        assert "fence" in [line.get_label() for line in axes.lines], name
+        assert axes.get_xlim()[0] < -40.0 < 40.0 < axes.get_xlim()[1]
 
 
 def test_json_ends_no_script() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from guidance.report import looks
 from guidance.report.columns import Floats
 from guidance.report.panels import Section
-from guidance.report.paths import Path3, box_of
+from guidance.report.paths import Path3, box_of, lowest_m
 from guidance.report.timeline import Timeline
 
 Chart = dict[str, Any]
@@ -59,7 +59,7 @@ def section_chart(section: Section, several: bool) -> Chart:
                 {
                     "type": "scatter",
                     "mode": "lines",
-                    "name": line.name,
+                    "name": _plain(line.name),
                     "legendgroup": str(line.role),
                     "showlegend": line.role not in legend,
                     "x": packed(line.x),
@@ -104,10 +104,9 @@ def plan_chart(paths: Sequence[Path3], fence: Floats | None) -> Chart:
 def space_chart(paths: Sequence[Path3], fence: Floats | None) -> Chart:
     """The same in space, to be turned."""
     data = _drawn(paths, space=True)
-    if fence is not None and paths:
-        heights = [float(np.nanmin(path.flown[:, 2])) for path in paths]
+    if fence is not None:
         line = {"color": looks.FENCE, "width": 3, "dash": "dash"}
-        up = [min(heights)] * len(fence)
+        up = [lowest_m(paths)] * len(fence)
         data.append(
             {
                 "type": "scatter3d",
@@ -143,10 +142,10 @@ def timeline_chart(timelines: Sequence[Timeline]) -> Chart:
                 {
                     "type": "bar",
                     "orientation": "h",
-                    "name": state,
+                    "name": _plain(state),
                     "legendgroup": state,
                     "showlegend": state not in named,
-                    "y": [line.label] * len(bars),
+                    "y": [_plain(line.label)] * len(bars),
                     "base": [bar.from_s for bar in bars],
                     "x": [max(bar.to_s - bar.from_s, 0.0) for bar in bars],
                     "text": [_plain(bar.reason) for bar in bars],
@@ -167,7 +166,7 @@ def timeline_chart(timelines: Sequence[Timeline]) -> Chart:
                 "name": "event",
                 "showlegend": False,
                 "x": [dot.at_s for dot in dots],
-                "y": [line.label] * len(dots),
+                "y": [_plain(line.label)] * len(dots),
                 "text": [_plain(f"{dot.level}: {dot.text}") for dot in dots],
                 "marker": {
                     "symbol": "diamond",
@@ -198,16 +197,15 @@ def _drawn(paths: Sequence[Path3], *, space: bool) -> list[Chart]:
     several = len(paths) > 1
     data: list[Chart] = []
     for i, path in enumerate(paths):
-        ending = f" {path.label}" if several else ""
+        ending = f" {_plain(path.label)}" if several else ""
         reference = {"color": looks.REFERENCE, "width": 4 if space else 2.6}
         flown = {"color": looks.LOGS[i % len(looks.LOGS)], "width": 3 if space else 1.4}
         for name, places, line in (("reference", path.reference, reference), ("path", path.flown, flown)):
-            chart = {"type": kind, "mode": "lines", "name": _plain(f"{name}{ending}"), "line": line}
+            chart = {"type": kind, "mode": "lines", "name": f"{name}{ending}", "line": line}
             data.append({**chart, "hoverinfo": "x+y+z" if space else "x+y", **_places(places, space=space)})
         start = {"type": kind, "mode": "markers", "name": f"start{ending}", "hoverinfo": "name"}
         marker = {"color": looks.START, "size": 5 if space else 10, "symbol": "circle"}
-        east, north, up = path.start
-        data.append({**start, "marker": marker, "x": [east], "y": [north]} | ({"z": [up]} if space else {}))
+        data.append({**start, "marker": marker, **_places(np.array([path.start]), space=space)})
         if path.marks:
             marks: Chart = {
                 "type": kind,
@@ -233,7 +231,7 @@ def _places(places: Floats, *, space: bool) -> Chart:
 
 
 def _east_north(corners: Floats) -> Chart:
-    return {"x": corners[:, 0].tolist(), "y": corners[:, 1].tolist(), "hoverinfo": "name"}
+    return {"x": packed(corners[:, 0]), "y": packed(corners[:, 1]), "hoverinfo": "name"}
 
 
 def _layout(height_px: int) -> Chart:

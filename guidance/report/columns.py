@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 _NAN: Final = float("nan")
+#: What is larger no vehicle has: it counts as not known, as no plot and no square could hold it.
+_MOST: Final = 1e15
 _NO_STATE: Final = (_NAN,) * 15
 _NO_REFERENCE: Final = (_NAN,) * 7
 _NO_ERROR: Final = (_NAN,) * 6
@@ -87,7 +89,7 @@ class Gathering:
         """What was sent: a row."""
         at_ns = record.t_ns
         state, reference, error = self._state, self._reference, self._error
-        self._times.extend((sent_ns, at_ns))
+        self._times += array("q", (sent_ns, at_ns))  # both or, beyond 64 bits, neither
         self._count += 1
         rows = self._rows
         if state is None or state.t_ns != at_ns:
@@ -128,10 +130,17 @@ class Gathering:
             if len(column) < self._count:
                 column.append(value)
 
+    @property
+    def tracked(self) -> bool:
+        """Whether anything was tracked yet."""
+        return self._error is not None
+
     def columns(self) -> Columns:
         """All rows; nothing may be added after."""
         times = np.frombuffer(self._times, dtype=np.int64).reshape(-1, 2)
         rows = np.frombuffer(self._rows, dtype=np.float64).reshape(len(times), -1 if len(times) else _WIDTH)
+        for values in rows.T:
+            values[np.abs(values) > _MOST] = _NAN
         place = 0
         taken: dict[str, Any] = {}
         for name, width in _LAYOUT.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidance.config import Config, ConfigError, from_json, profile_of
+from guidance.geodesy import Geodetic
 from guidance.geofence import Fence
 from guidance.guard_limits import fence_of
 from guidance.mavlink.profiles import Handling
@@ -36,6 +38,7 @@ from guidance.records import (
 )
 from guidance.replay import ReplayError, session_of
 from guidance.report.columns import Columns, Floats, Gathering, Times
+from guidance.report.earth import Origin
 from guidance.supervisor import SETPOINTS, Setpoints
 from guidance.telemetry.log import LogDamaged, Passed
 from guidance.telemetry.log_parts import PartMissing, read_run
@@ -77,13 +80,15 @@ class Flight(NamedTuple):
     """All that a report needs of one run. `incomplete` says in words where and why the log ends early.
 
     `stretches` are the half-open ranges of rows of `columns` in which one trajectory was tracked, from its
-    start to its end. `zero_ns` is the first of them: plots count from there.
+    start to its end. `origin` is that of the local frame when they began (deg, deg, m AMSL), looked for if
+    the fence is on earth. `zero_ns` is the first of them: plots count from there.
     """
 
     path: Path
     session: Session
     config: Config
     handling: Handling
+    origin: Geodetic | None
     columns: Columns
     stretches: tuple[tuple[int, int], ...]
     zero_ns: int
@@ -104,7 +109,13 @@ class Flight(NamedTuple):
     def fence(self) -> Fence | None:
         """The fence, if it is known in the frame of the plots."""
         guards = self.config.guards
-        fence = fence_of(guards, guards.fence_ned_m)
+        corners = guards.fence_ned_m
+        if guards.fence_deg:
+            if self.origin is None:
+                return None
+            project, origin = profile_of(self.config).project, self.origin
+            corners = tuple(project((*at, origin[2]), origin)[:2] for at in guards.fence_deg)
+        fence = fence_of(guards, corners)
         return None if fence == Fence() else fence
 
 
@@ -120,7 +131,7 @@ def read_flight(path: Path, passed: Passed | None = None) -> Flight:
         return _read(path, passed)
     except PartMissing as error:
         raise ReportError(str(error)) from None
-    except ReplayError as error:
+    except (ReplayError, LogDamaged) as error:
         raise ReportError(str(error)) from None
 
 
@@ -171,15 +182,13 @@ def _decoding(kind: type[R], take: Callable[[R], object]) -> tuple[str, Callable
 def _read(path: Path, passed: Passed | None) -> Flight:
     lines = read_run(path, passed)
     incomplete = ""
-    try:
-        session = session_of(path, lines)
-    except LogDamaged as error:
-        raise ReportError(str(error)) from None
+    session = session_of(path, lines)
     try:
         config = from_json(session.config_json)
     except ConfigError as error:
         raise ReportError(f"{path}: {error}; use guidance {session.guidance_version}") from None
     gathering, told = Gathering(), _Told()
+    origin = Origin(config) if config.guards.fence_deg else None
     newest_input = b""
     instant = msgspec.json.Decoder(_Instant).decode
 
@@ -211,11 +220,13 @@ def _read(path: Path, passed: Passed | None) -> Flight:
         for topic, payload in lines:
             if topic == raw:
                 newest_input = payload
+                if origin is not None and not gathering.tracked:
+                    origin.take(payload)
             elif topic in take:
                 take[topic](payload)
     except LogDamaged as error:
         incomplete = str(error)
-    except NOT_A_RECORD as error:
+    except (*NOT_A_RECORD, OverflowError, ValueError, struct.error) as error:
         incomplete = f"{path}: a record of topic {topic} cannot be read ({error}); nothing after it was used"
     columns = gathering.columns()
     stretches = stretches_of(columns.trajectory_s, np.isfinite(columns.norm_m))
@@ -227,6 +238,7 @@ def _read(path: Path, passed: Passed | None) -> Flight:
         session=session,
         config=config,
         handling=profile_of(config).handling,
+        origin=None if origin is None else origin.place,
         columns=columns,
         stretches=stretches,
         zero_ns=int(columns.sent_ns[stretches[0][0]]),

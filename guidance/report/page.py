@@ -12,7 +12,7 @@ from plotly.offline import get_plotlyjs
 from guidance.report import charts, tables
 from guidance.report.judged import as_json
 from guidance.report.panels import Section, Shown, sections_of
-from guidance.report.paths import fence_outline, paths_of
+from guidance.report.paths import fences_of, paths_of
 from guidance.report.timeline import timeline_of
 
 #: The browser itself refuses to ask anyone. plotly.js compiles its WebGL helpers: unsafe-eval.
@@ -37,7 +37,7 @@ def page(shown: Sequence[Shown], comparison: tuple[str, list[Section]] | None = 
         "convergence; along and cross track are level, by the reference's course, and vertical is height.</p>"
     )
     body.append(tables.figures_table(shown))
-    paths, fence = paths_of(shown), fence_outline(shown[0].flight)
+    paths, fence = paths_of(shown), fences_of(shown)
     drawn["plan"], drawn["space"] = charts.plan_chart(paths, fence), charts.space_chart(paths, fence)
     body.append("<h2>Path</h2>")
     body.append(

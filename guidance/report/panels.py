@@ -237,6 +237,8 @@ def _histograms(shown: Sequence[Shown]) -> Section:
     late = []
     for one in shown:
         timing = one.flight.timing
+        if timing is not None and len(timing.lateness_counts) != len(timing.lateness_edges_s) + 1:
+            timing = None
         counts = np.asarray(() if timing is None else timing.lateness_counts, dtype=np.float64)
         edges = np.asarray(() if timing is None else (0.0, *timing.lateness_edges_s, 0.0)) * _MS
         if timing is not None:

@@ -67,14 +67,28 @@ def fence_outline(flight: Flight) -> Floats | None:
     return corners[:, ::-1]
 
 
+def fences_of(shown: Sequence[Shown]) -> Floats | None:
+    """The outlines of all logs' fences that differ, NaN between them; None if there is none."""
+    outlines = [fence_outline(one.flight) for one in shown]
+    apart = {outline.tobytes(): outline for outline in outlines if outline is not None}
+    parts = [part for outline in apart.values() for part in (outline, np.full((1, 2), np.nan))]
+    return np.concatenate(parts[:-1]) if parts else None
+
+
+def lowest_m(paths: Sequence[Path3]) -> float:
+    """The least height that was flown, 0 if none is known."""
+    heights = [float(np.nanmin(path.flown[:, 2])) for path in paths if len(path.flown)]
+    return min(heights, default=0.0)
+
+
 def box_of(places: Sequence[Floats], fence: Floats | None) -> Box:
     """What holds these places (n, 3) and the fence's corners, with a margin."""
     seen = [place for place in places if len(place)]
     least = np.nanmin([np.nanmin(place, axis=0) for place in seen], axis=0) if seen else -np.ones(3)
     most = np.nanmax([np.nanmax(place, axis=0) for place in seen], axis=0) if seen else np.ones(3)
     if fence is not None:
-        least[:2] = np.minimum(least[:2], fence.min(axis=0))
-        most[:2] = np.maximum(most[:2], fence.max(axis=0))
+        least[:2] = np.minimum(least[:2], np.nanmin(fence, axis=0))
+        most[:2] = np.maximum(most[:2], np.nanmax(fence, axis=0))
     middle, half = 0.5 * (least + most), 0.5 * (most - least)
     half = (1.0 + 2.0 * _MARGIN) * np.maximum(half, max(_THINNEST * half.max(), 0.5))
     least, most = middle - half, middle + half

@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 from guidance.report import looks
 from guidance.report.columns import Floats
 from guidance.report.panels import Section, Shown, sections_of
-from guidance.report.paths import Path3, box_of, fence_outline, paths_of
+from guidance.report.paths import Path3, box_of, fences_of, lowest_m, paths_of
 from guidance.report.timeline import Timeline, timeline_of
 
 _DOTS_PER_INCH: Final = 150
 _WIDTH_INCH: Final = 8.0
 _STYLE: Final[dict[Any, Any]] = {
     "font.size": 9.0,
+    "text.parse_math": False,  # a name may have dollars in it
     "axes.titlesize": 9.0,
     "axes.titlelocation": "left",
     "axes.grid": True,
@@ -43,8 +44,8 @@ def write(shown: Sequence[Shown], directory: Path) -> list[Path]:
     """
     directory.mkdir(parents=True, exist_ok=True)
     with rc_context(_STYLE):
-        paths, fence = paths_of(shown), fence_outline(shown[0].flight)
-        figures = {"plan": _plan(paths, fence), "space": _space(paths)}
+        paths, fence = paths_of(shown), fences_of(shown)
+        figures = {"plan": _plan(paths, fence), "space": _space(paths, fence)}
         for section in sections_of(shown):
             figures[section.key] = section_figure(section)
         figures["timeline"] = _timeline([timeline_of(one) for one in shown])
@@ -107,14 +108,24 @@ def _plan(paths: Sequence[Path3], fence: Floats | None) -> Figure:
     return figure
 
 
-def _space(paths: Sequence[Path3]) -> Figure:
+def _space(paths: Sequence[Path3], fence: Floats | None) -> Figure:
     figure = Figure(figsize=(6.5, 5.0))
     axes: Any = figure.add_axes((0.02, 0.02, 0.92, 1.0), projection="3d", computed_zorder=False)
     for i, path in enumerate(paths):
         axes.plot(*path.flown.T, color=looks.colour(i), linewidth=0.9, zorder=1)
         axes.plot(*path.reference.T, color=looks.REFERENCE, linewidth=1.4, zorder=2)
         axes.plot(*([value] for value in path.start), "o", color=looks.START, markersize=5.0, zorder=3)
-    box = box_of([place for path in paths for place in (path.reference, path.flown)], None)
+    box = box_of([place for path in paths for place in (path.reference, path.flown)], fence)
+    if fence is not None:
+        axes.plot(
+            *fence.T,
+            lowest_m(paths),
+            color=looks.FENCE,
+            linestyle="--",
+            linewidth=1.0,
+            zorder=0,
+            label="fence",
+        )
     axes.set_box_aspect(box.sides)
     for axis, name, limits in zip("xyz", ("east", "north", "height"), box.ranges, strict=True):
         getattr(axes, f"set_{axis}lim")(limits)

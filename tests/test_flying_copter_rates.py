@@ -17,6 +17,7 @@ from guidance.flying.choice import handler_of
 from guidance.flying.copter_rates import CopterRates, Given, led
 from guidance.kept_file import open_learned
 from guidance.mavlink.codec import Payload
+from guidance.mavlink.messages import ExtendedSysState
 from guidance.mavlink.profiles import PROFILES, Asked
 from guidance.mavlink.setpoints import Demand, outgoing, setpoint_message
 from guidance.records import Record, Setpoint, VelocityHandling
@@ -95,6 +96,25 @@ def test_the_profile_sends_rates_and_thrust(profile: str) -> None:
     assert isinstance(message, Payload)
     assert out.thrust == 0.0
     assert row.requirements != PROFILES[profile].requirements
+
+
+def test_the_ground_teaches_nothing_of_the_thrust() -> None:
+    """Told to sink where it stands, it would take its rotors for too strong, and fall in the next flight."""
+    handler = fitted()
+    handler.start()
+    below = REFERENCE._replace(position=Vec3(0.0, 0.0, -5.0))
+    parts = []
+    for landed_state in (1, 2):
+        handler.heard(ExtendedSysState(landed_state), SECOND)
+        for n in range(100):
+            handler.step(replace_instant(HOVERS, SECOND + n * 20_000_000), below, 0.02)
+        parts.append(msgspec.json.decode(handler.learned)["hover_part"])
+    assert parts[0] == 1.0
+    assert parts[1] < 0.95
+
+
+def replace_instant(estimate: Estimate, now_ns: int) -> Estimate:
+    return seen(estimate.pose.position, ZERO, estimate.pose.attitude, now_ns)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Annotated, Final, NamedTuple
 
 import msgspec
 from msgspec import Meta
+from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config
 from guidance.estimate import Estimate
@@ -30,6 +31,7 @@ from guidance.handling.copter_rates import (
     standing,
 )
 from guidance.handling.velocity import Around, Measured, velocity_step
+from guidance.mavlink.messages import Body, ExtendedSysState
 from guidance.mavlink.setpoints import Demand
 from guidance.prediction import REMEMBERED
 from guidance.records import VelocityHandling
@@ -74,6 +76,7 @@ class CopterRates(Velocity):
     def __init__(self, config: Config) -> None:
         self._by_rates: Parameters | None = None
         self._hover_part = 1.0
+        self._stands = False
         self._inner: Memory | None = None
         self._inner_ns = 0
         self._history: tuple[Given, ...] = ()
@@ -111,6 +114,11 @@ class CopterRates(Velocity):
         self._by_rates = found
         return None
 
+    def heard(self, body: Body, now_ns: int) -> None:
+        """Whether it stands: the ground carries it then, and teaches nothing of its thrust."""
+        if isinstance(body, ExtendedSysState):
+            self._stands = body.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+
     def start(self) -> None:
         """As `Handler` says; what it leans by is found anew."""
         super().start()
@@ -132,7 +140,7 @@ class CopterRates(Velocity):
             velocity,
             wanted.velocity_ned_m_s,
             wanted.yaw_rate_rad_s,
-            dt_s,
+            0.0 if self._stands else dt_s,
         )
         self._inner, self._inner_ns, self._hover_part = inner, estimate.instant_ns, inner.hover_part
         self._history = (*self._history[1 - REMEMBERED :], self._given(inner, found, velocity))

@@ -249,6 +249,14 @@ def test_garbage_on_the_keys_is_named_and_the_page_goes_on(browser: Browser, wat
         picture(page, "garbage")
 
 
+def test_an_address_that_names_no_vehicle_opens_the_page(browser: Browser, watched: Watched) -> None:
+    for garbage in ("#%", "#<b>"):
+        with visiting(browser, watched.url) as page:
+            page.goto("about:blank")
+            page.goto(watched.url + garbage)
+            expect(page.locator("#state-word")).to_contain_text("tracking")
+
+
 def test_a_vehicle_that_falls_silent_looks_silent_within_a_second(browser: Browser, watched: Watched) -> None:
     """The last test with this vehicle."""
     with visiting(browser, watched.url) as page:

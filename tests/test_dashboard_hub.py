@@ -292,7 +292,7 @@ def test_a_page_that_is_too_slow_begins_anew_and_owes_no_memory() -> None:
 
 def test_what_a_page_may_ask_is_read_and_anything_else_is_nothing() -> None:
     assert orders.read('{"ask":"see","vehicle":"a"}') == orders.See("a")
-    order = orders.Order("a", "load", 3, {"trajectory": {"name": "circle"}})
+    order = orders.Order("a", "load", 3, 1.5, {"trajectory": {"name": "circle"}})
     assert orders.read(msgspec.json.encode(order)) == order
     for text in ("", "{}", "[" * 5000, '{"ask":"see"}', '{"ask":"see","vehicle":1}', '{"ask":"x"}', b"\xff"):
         assert orders.read(text) is None

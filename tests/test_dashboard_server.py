@@ -282,7 +282,16 @@ def with_orders(sky: Sky) -> None:
 
 
 def order(verb: str, vehicle: str = "uuv-1", **fields: Any) -> str:
-    return json.dumps({"ask": "order", "vehicle": vehicle, "verb": verb, "number": 7, "fields": fields})
+    return json.dumps(
+        {
+            "ask": "order",
+            "vehicle": vehicle,
+            "verb": verb,
+            "number": 7,
+            "as_of_s": time.monotonic(),
+            "fields": fields,
+        }
+    )
 
 
 def test_an_order_is_given_once_and_its_answer_goes_to_who_asked() -> None:
@@ -310,23 +319,42 @@ def test_an_order_is_given_once_and_its_answer_goes_to_who_asked() -> None:
     assert sky.orders == [("uuv-1", "abort", {}, "dashboard")]
 
 
+@pytest.mark.parametrize("verb", ["engage", "resume", "load", "hold", "abort"])
+def test_an_order_that_lay_on_the_way_moves_nothing_but_stops_still(verb: str) -> None:
+    sky = Sky()
+    with serving(sky, commands=True) as served, page(served.port) as one:
+        with_orders(sky)
+        heard = until(one, lambda m: kind("fleet")(m) and m["fleet"] != [])
+        late = json.loads(order(verb)) | {"as_of_s": heard["at_s"] - 5.0}
+        one.send(json.dumps(late))
+        if verb in ("hold", "abort"):
+            while not sky.orders:
+                time.sleep(0.01)
+        else:
+            assert "s on its way and is not given" in until(one, kind("answer"))["reason"]
+            assert sky.orders == []
+            one.send(json.dumps(late | {"as_of_s": heard["at_s"]}))
+            while not sky.orders:
+                time.sleep(0.01)
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (order("shutdown"), "there is no order 'shutdown' here"),
-        (order("set", key="law.k", value=1.0), "there is no order 'set' here"),
-        (order("abort", vehicle="uuv-2"), "uuv-2 takes no orders"),
-        (order("engage"), "too many"),
+        (lambda: order("shutdown"), "there is no order 'shutdown' here"),
+        (lambda: order("set", key="law.k", value=1.0), "there is no order 'set' here"),
+        (lambda: order("abort", vehicle="uuv-2"), "uuv-2 takes no orders"),
+        (lambda: order("engage"), "too many"),
     ],
 )
-def test_what_may_not_be_ordered_is_refused_with_why(text: str, why: str) -> None:
+def test_what_may_not_be_ordered_is_refused_with_why(text: Callable[[], str], why: str) -> None:
     sky = Sky()
     sky.refusal = "too many"
     with serving(sky, commands=True) as served, page(served.port) as one:
         with_orders(sky)
         sky.say(status(0), vehicle="uuv-2")
         until(one, lambda m: kind("fleet")(m) and len(m["fleet"]) == 2)
-        one.send(text)
+        one.send(text())
         answer = until(one, kind("answer"))
         assert answer["accepted"] is False
         assert why in answer["reason"]

@@ -10,6 +10,10 @@ from guidance.telemetry.arrivals import Answered
 
 #: The orders that have a button.
 VERBS: Final = ("engage", "hold", "resume", "abort", "load")
+#: Those that move a vehicle must be fresh; what stops it is welcome late too.
+MOVING: Final = frozenset({"engage", "resume", "load"})
+#: A page that heard nothing for longer sends no order; more is time that the order lay on the way.
+LATE_S: Final = 4.0
 OFF: Final = "orders are off here: start the dashboard with --commands"
 
 
@@ -20,11 +24,16 @@ class See(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="as
 
 
 class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="order"):
-    """Give an order; `number` is the page's, and comes back with the answer."""
+    """Give an order.
+
+    `number` is the page's, and comes back with the answer; `as_of_s` is the server's clock as the page last
+    heard it: what TCP delivers when a network comes back was clicked long ago.
+    """
 
     vehicle: str
     verb: str
     number: int
+    as_of_s: float
     fields: dict[str, Any] = {}
 
 

@@ -26,7 +26,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from guidance.dashboard.hub import Hub
-from guidance.dashboard.orders import OFF, VERBS, Order, See, answer, answered, read
+from guidance.dashboard.orders import LATE_S, MOVING, OFF, VERBS, Order, See, answer, answered, read
 from guidance.dashboard.pages import Page
 from guidance.dashboard.rows import TICK_HZ
 from guidance.dashboard.said import fleet_told, takes_orders, trajectories_told
@@ -209,7 +209,8 @@ class Dashboard:
     def _fleet_told(self) -> bytes:
         offset_ns = self._unix_ns() - self._clock_ns()
         network, hub = self._network, self.hub
-        return self._encode(fleet_told(hub.fleet, hub.seen, network.trouble, network.neighbours, offset_ns))
+        told = fleet_told(hub.fleet, hub.seen, network.trouble, network.neighbours, offset_ns)
+        return self._encode({**told, "at_s": self._clock_ns() * 1e-9})
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """None lets a WebSocket through."""
@@ -284,6 +285,9 @@ class Dashboard:
             return f"there is no order {order.verb[:40]!r} here; there are {', '.join(VERBS)}"
         if not takes_orders(self.hub.fleet, self.hub.watched, order.vehicle):
             return f"{order.vehicle[:64]} takes no orders by zenoh (zenoh.commands in its configuration)"
+        late_s = self._clock_ns() * 1e-9 - order.as_of_s
+        if order.verb in MOVING and not late_s <= LATE_S:
+            return f"it was {late_s:.0f} s on its way and is not given: look at the state, then order again"
         try:
             given = self._network.ask(order.vehicle, order.verb, order.fields, "dashboard")
         except (ValueError, TypeError) as error:

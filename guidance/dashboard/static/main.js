@@ -14,6 +14,12 @@ import { make, put } from "./words.js";
 
 const $ = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
 
+/** The vehicle that an address asks for; a hash that is no name asks for none. @param {string} hash */
+function named(hash) {
+  const name = hash.slice(1);
+  return /^[\w.-]{1,64}$/.test(name) ? name : "";
+}
+
 const rows = new Rows();
 const charts = new Charts($("charts"));
 const scene = new Scene($("scene"));
@@ -22,7 +28,7 @@ const events = new Events($("event-list"), $("events-all"));
 const fleet = new FleetTable($("fleet"), see);
 const orders = new Orders((message) => live.send(message));
 let windowS = 60;
-let shown = decodeURIComponent(location.hash.slice(1));
+let shown = named(location.hash);
 /** @type {any[]} */
 let seen = [];
 
@@ -80,6 +86,7 @@ const take = {
   welcome: (said) => orders.welcome(said),
   fleet(said) {
     seen = said.fleet;
+    orders.heardAtS = said.at_s;
     $("nobody").hidden = seen.length > 0;
     $("fleet").hidden = !seen.length;
     if (seen.length && !shown) see(seen[0].vehicle);

@@ -15,6 +15,8 @@ export class Orders {
     this.vehicle = "";
     this.allowed = false;
     this.number = 0;
+    /** The server's clock when it was last heard. */
+    this.heardAtS = 0;
     /** @type {Map<number, {vehicle: string, verb: string}>} */
     this.waiting = new Map();
     /** @type {any[]} */
@@ -121,7 +123,7 @@ export class Orders {
   /** @param {string} vehicle @param {string} verb @param {object} fields */
   #order(vehicle, verb, fields) {
     const number = ++this.number;
-    if (!this.send({ ask: "order", vehicle, verb, number, fields })) {
+    if (!this.send({ ask: "order", vehicle, verb, number, as_of_s: this.heardAtS, fields })) {
       this.#say(`${vehicle}: ${verb} was NOT sent: no connection to the dashboard's server`, "refused");
       return;
     }

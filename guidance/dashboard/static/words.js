@@ -60,7 +60,8 @@ export const STATES = {
 export function look(seen) {
   if (seen.contact === "silent") return { tone: "bad", glyph: "✕", word: `silent ${duration(seen.quiet_s)}` };
   if (seen.contact === "gone") return { tone: "idle", glyph: "✕", word: `gone ${duration(seen.quiet_s)}` };
-  const [tone, glyph] = STATES[seen.state ?? ""] ?? ["idle", "?"];
+  const state = seen.state ?? "";
+  const [tone, glyph] = Object.hasOwn(STATES, state) ? STATES[state] : ["idle", "?"];
   return { tone, glyph, word: seen.state ?? "unknown" };
 }
 

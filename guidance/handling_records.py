@@ -65,7 +65,7 @@ class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """One step of a tuning flight (`guidance.flying.excited`): `into_s` into `phase` of `run`.
 
     While it is "stepping", `channel` is measured: `measured` at `measured_ns`, which changes by `push` each
-    second for other reasons than the command. `blind`: as of an airplane (`AirplaneHandling`).
+    second for other reasons than the command. `blind`: as of an airplane (topic `airplane`).
     """
 
     run: str

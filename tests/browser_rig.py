@@ -79,7 +79,7 @@ def visiting(browser: Browser, url: str, **context: Any) -> Iterator[Page]:
     try:
         page.goto(url)
         yield page
-        assert (errors, elsewhere) == ([], [])
+        assert (errors, elsewhere) == ([], []), f"{errors} {elsewhere}"
     finally:
         profile.close()
 

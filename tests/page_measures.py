@@ -77,7 +77,9 @@ def too_wide(page: Page) -> list[str]:
 _DRAWN: Final = """(selector) => {
   const canvas = document.querySelector(selector);
   if (!canvas || !canvas.width) return 0;
-  const {data} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {willReadFrequently: true});
+  copy.drawImage(canvas, 0, 0);  // the page's own would be drawn without the graphics card from now on
+  const {data} = copy.getImageData(0, 0, canvas.width, canvas.height);
   const columns = new Set();
   for (let k = 0; k < data.length; k += 4) {
     const [low, high] = [Math.min(...data.slice(k, k + 3)), Math.max(...data.slice(k, k + 3))];

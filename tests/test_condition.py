@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.condition import Condition
 from guidance.commands import Engage
+from guidance.condition import Condition
 from guidance.config import load
 from guidance.mavlink.messages import EkfStatusReport, ExtendedSysState, Heartbeat
 from guidance.mavlink.profiles import PROFILES

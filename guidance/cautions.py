@@ -6,12 +6,17 @@ What flies the vehicle knows most of it (`Handler.cautions`). How much the posit
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from math import sqrt
 from typing import Final
+
+from pymavlink.dialects.v20 import all as dialect
 
 from guidance.estimate import Estimate, PositionSample
 from guidance.flying import Caution
 from guidance.mavlink.link import AutopilotLink
+from guidance.mavlink.messages import SysStatus
+from guidance.mavlink.profiles import FLIES, Profile
 from guidance.se3 import add, scale, subtract
 from guidance.tracker import Tracker
 
@@ -23,6 +28,10 @@ AGAIN_NS: Final = 60_000_000_000
 JITTER_SAMPLES: Final = 60
 #: Three times what the shipped configurations are flown with and their smoothing is made for.
 JITTER_MAX_M: Final = 0.15
+#: Of COM_OBL_RC_ACT, those that are flown by hand.
+_BY_HAND: Final = {0: "position mode", 1: "altitude mode", 2: "stabilized"}
+#: Of COM_RC_IN_MODE.
+_NO_STICKS: Final = 4
 
 
 class Jitter:
@@ -51,6 +60,26 @@ class Jitter:
         return sqrt(sum(usual) / len(usual)) / 2.0
 
 
+def about_sticks(
+    profile: Profile, answers: Mapping[str, float], health: SysStatus | None
+) -> tuple[Caution, ...]:
+    """Where PX4 would fly by sticks that are not there when setpoints stop. It runs no such mode: a copter
+    sank, landed and disarmed. `answers` are its parameters."""
+    action = round(answers.get("COM_OBL_RC_ACT", -1.0))
+    if profile.handling not in FLIES or action not in _BY_HAND:
+        return ()
+    off = answers.get("COM_RC_IN_MODE") == _NO_STICKS
+    receiver = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    if not off and (health is None or health.onboard_control_sensors_present & receiver):
+        return ()
+    how = f"COM_RC_IN_MODE = {_NO_STICKS}" if off else "SYS_STATUS has no receiver present"
+    text = (
+        f"no sticks are heard ({how}), and COM_OBL_RC_ACT = {action}, {_BY_HAND[action]}, needs them: "
+        "when the setpoints stop it sinks and lands; set COM_OBL_RC_ACT to 5 (hold)"
+    )
+    return (Caution("sticks", text),)
+
+
 class Cautions:
     """`standing` are those of the last look before a flight, and in it."""
 
@@ -61,17 +90,22 @@ class Cautions:
         self._stood_ns: dict[str, int] = {}
 
     def look(
-        self, tracker: Tracker, link: AutopilotLink, estimate: Estimate | str, now_ns: int
+        self,
+        tracker: Tracker,
+        link: AutopilotLink,
+        estimate: Estimate | str,
+        now_ns: int,
+        others: tuple[Caution, ...] = (),
     ) -> list[Caution]:
-        """Look, if it is time: those that were not told yet. Only while no flight is under way, and of a
-        vehicle that can be flown at all."""
+        """Look, if it is time: those that were not told yet, `others` among them. Only while no flight
+        is under way, and of a vehicle that can be flown at all."""
         if isinstance(estimate, str):
             return []
         self._jitter.take(estimate.position)
         if now_ns < self._look_ns:
             return []
         self._look_ns = now_ns + LOOK_NS
-        self.standing = (*tracker.cautions(estimate, link.origin, link.home), *self._noise())
+        self.standing = (*tracker.cautions(estimate, link.origin, link.home), *others, *self._noise())
         new = []
         for caution in self.standing:
             stood_ns = self._stood_ns.get(caution.about)

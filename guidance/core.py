@@ -17,7 +17,7 @@ import msgspec
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.cautions import Cautions
+from guidance.cautions import Cautions, about_sticks
 from guidance.commanding import command_of
 from guidance.commands import Order, text_of
 from guidance.component import shown
@@ -277,12 +277,13 @@ class Guide:
         if moved is not None:
             self._told.event(Level.WARNING, "origin_moved", moved, now_ns)
         estimate = self.steering.basis(now_ns)
-        engaging = self.engagement.state not in (State.CONNECTED, State.READY, State.HOLDING)
         flying = self.engagement.state in _IN_FLIGHT
+        engaging = flying and self.engagement.state is not State.HOLDING
         self._told.add(*self.fitting.look(now_ns, flying=flying))
         unfit = self.fitting.unmet
         if not flying and unfit is None:
-            for caution in self.cautions.look(self.tracker, self.link, estimate, now_ns):
+            sticks = about_sticks(self.profile, self.fitting.answers, self.condition.health)
+            for caution in self.cautions.look(self.tracker, self.link, estimate, now_ns, sticks):
                 text = f"before you fly: {caution.text}"
                 self._told.event(Level.WARNING, "caution", text, now_ns)
                 self.link.outbox.long_text(SEVERITY[Level.WARNING], text)

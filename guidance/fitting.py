@@ -9,6 +9,7 @@ but the speed of full thrust, which the autopilot follows at once, and the speed
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import ceil, isfinite, isnan
 from typing import Final
 
@@ -65,6 +66,11 @@ class Fitting:
         """Limits and trajectory are these: whether they fit is looked at anew."""
         self._judge = self._judge or config is not self._config
         self._config = config
+
+    @property
+    def answers(self) -> Mapping[str, float]:
+        """What the autopilot has answered, by its own names."""
+        return self._reader.values
 
     def heard(self, received: Received, now_ns: int) -> None:
         """A parameter, asked for by us or set by somebody else; or the air, for what flies. Others are not

@@ -68,7 +68,24 @@ def test_without_an_airspeed_it_is_not_engaged() -> None:
 
 def test_on_the_ground_it_is_not_engaged() -> None:
     assert why(plane(airspeed=1.5)) == why(plane(airspeed=1.7))
-    assert "the airspeed is below 5 m/s, the least 10: take off" in why(plane(airspeed=1.5))
+    assert "the airspeed is below 7 m/s, the least 10: take off" in why(plane(airspeed=1.5))
+    assert "take off" in why(plane(airspeed=6.9))
+    assert "take off" not in why(plane(airspeed=7.1))
+
+
+def test_near_the_ground_it_is_not_engaged() -> None:
+    """PX4's take-off at 0.6 m: it drove on along the ground."""
+    handler = plane()
+    low = "it is less than 10 m above HOME_POSITION: climb first"
+    assert why(handler, ground_down_m=-59.4).startswith(low)
+    assert why(handler, ground_down_m=-50.1) == why(handler, ground_down_m=-59.4)
+    assert not why(handler, ground_down_m=-49.9).startswith("it is")
+
+
+def test_a_floor_that_is_set_knows_better_than_home() -> None:
+    floored = plane("airplane.floor_down_m=-70")
+    assert why(floored).startswith("it is below airplane.floor_down_m = -70: climb first")
+    assert not why(plane("airplane.floor_down_m=-50"), ground_down_m=-60.0).startswith("it is")
 
 
 def test_an_airspeed_that_does_not_fit_velocity_and_wind_is_not_engaged_with() -> None:

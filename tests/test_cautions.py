@@ -5,8 +5,9 @@ from __future__ import annotations
 import random
 
 import pytest
+from pymavlink.dialects.v20 import all as dialect
 
-from guidance.cautions import AGAIN_NS, LOOK_NS, Cautions, Jitter
+from guidance.cautions import AGAIN_NS, LOOK_NS, Cautions, Jitter, about_sticks
 from guidance.config import load, profile_of
 from guidance.estimate import PositionSample
 from guidance.fleet import Contact, Seen
@@ -14,13 +15,15 @@ from guidance.flying import Caution, Handler
 from guidance.flying.airplane import Airplane
 from guidance.flying.choice import handler_of
 from guidance.mavlink.air import VfrHud, Wind
+from guidance.mavlink.messages import SysStatus
+from guidance.mavlink.profiles import PROFILES
 from guidance.records import Status
 from guidance.se3 import Vec3
 from guidance.supervisor import State
 from guidance.watch_view import explanation, line
 from sitl.scenarios.rover import ON_A_ZIGZAG
 from tests.ground_station import GroundStation, texts_of
-from tests.helpers import events_of, fly_until_tracking, make_flight, records_of
+from tests.helpers import events_of, fly_until, fly_until_tracking, make_flight, records_of
 from tests.test_airplane_refusals import estimate, plane
 from tests.test_fitting import SLOW
 from tests.test_flying_velocity import ARDUPILOT, PX4
@@ -28,6 +31,7 @@ from tests.test_rover_px4 import VALUES
 from tests.test_unflyable_loads import DEPLOY, shipped
 
 HOME = 0.0
+RECEIVER = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 FULL_PX4 = PX4 | {
     "MPC_ACC_UP_MAX": 4.0,
     "MPC_ACC_DOWN_MAX": 3.0,
@@ -193,3 +197,45 @@ def test_watch_shows_them() -> None:
     seen = Seen(vehicle="a", contact=Contact.LIVE, state="ready", reason="go", cautions=("mind the gap",))
     assert "caution: mind the gap" in explanation(seen)
     assert "caution: mind the gap" in line(seen)
+
+
+# Sticks ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("profile", ["px4-copter", "px4-plane"])
+@pytest.mark.parametrize(
+    ("action", "mode", "present", "says"),
+    [
+        (
+            0,
+            3,
+            0,
+            "no sticks are heard (SYS_STATUS has no receiver present), and COM_OBL_RC_ACT = 0, position",
+        ),
+        (0, 4, RECEIVER, "no sticks are heard (COM_RC_IN_MODE = 4)"),
+        (2, 4, None, "COM_OBL_RC_ACT = 2, stabilized, needs them"),
+        (0, 3, RECEIVER, None),
+        (0, 3, None, None),
+        (5, 4, 0, None),
+        (3, 3, 0, None),
+    ],
+)
+def test_a_mode_by_hand_without_hands(
+    profile: str, action: int, mode: int, present: int | None, says: str | None
+) -> None:
+    health = None if present is None else SysStatus(present, RECEIVER, 0, -1)
+    answers = {"COM_OBL_RC_ACT": float(action), "COM_RC_IN_MODE": float(mode)}
+    found = [one.text for one in about_sticks(PROFILES[profile], answers, health)]
+    assert bool(found) == (says is not None)
+    assert says is None or says in found[0]
+    assert says is None or found[0].endswith("set COM_OBL_RC_ACT to 5 (hold)")
+    assert not about_sticks(PROFILES["px4-uuv"], answers, health)
+
+
+def test_missing_sticks_are_told_before_a_flight() -> None:
+    """The built-in copter has neither sticks nor a receiver, as recorded."""
+    flight = make_flight(config=load(DEPLOY / "px4-copter.toml", ('flight.origin="engage"',)), airborne=True)
+    fly_until(flight, State.READY, 12.0)
+    flight.run(2.0)
+    assert sum("no sticks are heard" in text for text in events_of(flight, "caution")) == 1
+    assert "sticks" in {caution.about for caution in flight.guide.cautions.standing}

@@ -8,17 +8,21 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
+from guidance.commands import Engage
 from guidance.condition import Condition
 from guidance.config import load
 from guidance.mavlink.messages import EkfStatusReport, ExtendedSysState, Heartbeat
 from guidance.mavlink.profiles import PROFILES
+from guidance.records import Event
 from guidance.records import State as StateRecord
 from guidance.supervisor import State
 from sitl.lockstep import Lockstep
 from sitl.vehicle.ardupilot_messages import EKF_FLAGS
-from tests.helpers import ROVER, fly_until_tracking, make_flight, records_of, state_of
+from sitl.vehicle.px4_modes import TAKEOFF
+from tests.helpers import ROVER, fly_until, fly_until_tracking, make_flight, records_of, state_of
 
 DEPLOY = Path(__file__).parents[1] / "deploy"
+PARAM_VALUE = bytes([dialect.MAVLINK_MSG_ID_PARAM_VALUE, 0, 0])
 STANDBY, ACTIVE = dialect.MAV_STATE_STANDBY, dialect.MAV_STATE_ACTIVE
 
 
@@ -36,6 +40,9 @@ def test_a_copter_is_taken_over_in_the_air(landed_state: int, says: str | None) 
     why = condition.not_flying(PROFILES["ardupilot-copter"], beat(ACTIVE))
     assert (why is None) if says is None else (why is not None and says in why)
     assert condition.not_flying(PROFILES["ardupilot-rover"], beat(ACTIVE)) is None
+    for profile in ("px4-plane", "ardupilot-plane"):
+        theirs = condition.not_flying(PROFILES[profile], beat(ACTIVE))
+        assert theirs == (None if why is None else why.replace("a copter", "an airplane"))
 
 
 @pytest.mark.parametrize("said", [(), (ExtendedSysState(0),)])
@@ -82,18 +89,55 @@ def copter(profile: str, **options: Any) -> Lockstep:
     return make_flight(config=config, **options)
 
 
-@pytest.mark.parametrize("profile", ["ardupilot-copter", "px4-copter"])
-def test_a_copter_on_the_ground_is_not_ready(profile: str) -> None:
+FLYING = ["ardupilot-copter", "px4-copter", "ardupilot-plane", "px4-plane"]
+
+
+@pytest.mark.parametrize("profile", FLYING)
+def test_what_flies_is_not_ready_on_the_ground(profile: str) -> None:
     flight = copter(profile)
     flight.run(12.0)
     assert state_of(flight) is State.CONNECTED
     assert "stands on the ground" in flight.guide.engagement.reason
 
 
-@pytest.mark.parametrize("profile", ["ardupilot-copter", "px4-copter"])
-def test_a_copter_in_the_air_is_ready(profile: str) -> None:
+@pytest.mark.parametrize("profile", FLYING)
+def test_what_flies_is_ready_in_the_air(profile: str) -> None:
     flight = copter(profile, airborne=True)
     assert flight.run(12.0, until=lambda: state_of(flight) is State.READY), flight.guide.engagement.reason
+    assert flight.guide.link.streams.get("EXTENDED_SYS_STATE") is not None
+
+
+def test_px4_s_airplane_is_not_ready_as_it_takes_off() -> None:
+    """It engaged at 0.6 m and 6 m/s and drove along the ground."""
+    flight = copter("px4-plane")
+    flight.run(12.0)
+    pilot = flight.vehicle._pilot
+    pilot.arm(forced=False)
+    pilot.select_mode(TAKEOFF)
+    flight.run(3.0)
+    assert "takes off" in flight.guide.engagement.reason
+    assert not flight.run(3.0, until=lambda: state_of(flight) is State.READY)
+    assert flight.run(40.0, until=lambda: state_of(flight) is State.READY), flight.guide.engagement.reason
+    assert flight.truth().position_ned_m[2] < -10.0
+
+
+@pytest.mark.parametrize("profile", ["px4-copter", "ardupilot-copter"])
+def test_a_restarted_service_is_not_ready_before_it_has_read_the_parameters(profile: str) -> None:
+    """In flight, and told to engage, all else is met at once."""
+    flight = copter(profile, airborne=True)
+    fly_until(flight, State.READY, 12.0)
+    flight.guide.command(Engage(), flight.now_ns)
+    fly_until(flight, State.TRACKING, 12.0)
+    since_ns = flight.now_ns
+    flight.on_the_way = lambda data, _: () if data[7:10] == PARAM_VALUE else (data,)
+    flight.restart_guide()
+    fly_until(flight, State.WITHHELD)
+    flight.run(6.0)
+    flight.guide.command(Engage(), flight.now_ns)
+    flight.run(2.0)
+    assert state_of(flight) is State.CONNECTED
+    assert "parameters are being read" in flight.guide.engagement.reason
+    assert not any(event.code == "state_ready" for event in records_of(flight, Event, since_ns))
 
 
 def test_arducopters_take_off_in_guided_is_not_broken_off() -> None:

@@ -115,3 +115,11 @@ def test_who_signs_is_named() -> None:
     assert found(bench, "signers").found == "1/1; this service signs as link 0"
     assert found(bench, "signing").found.startswith("both ends sign, by one key (")
     assert "signers" not in Bench().findings()
+
+
+def test_sticks_that_are_not_there_are_warned_of() -> None:
+    """The built-in copter has none, as recorded."""
+    finding = copter().bad()["sticks"]
+    assert finding.verdict is Verdict.WARN
+    assert "set COM_OBL_RC_ACT to 5 (hold)" in finding.found
+    assert "sticks" not in copter(COM_OBL_RC_ACT=5).findings()

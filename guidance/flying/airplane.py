@@ -51,8 +51,10 @@ WIND_S: Final = 10.0
 #: No airplane flies so fast (m/s), and nobody flies in such a wind.
 ABSURD_AIRSPEED_M_S: Final = 1000.0
 ABSURD_WIND_M_S: Final = 100.0
-#: Slower than this part of its least airspeed, it does not fly.
-FLIES_PART: Final = 0.5
+#: Slower than this part of its least airspeed, about its stall, it does not fly.
+FLIES_PART: Final = 0.7
+#: Above home: lower, one that dives for its airspeed meets the ground.
+LEAST_HEIGHT_M: Final = 10.0
 #: What is looked at anew when it changes by so much: the air's thinness, and the floor below the origin, m.
 THIN_STEP: Final = 0.01
 FLOOR_STEP_M: Final = 0.5
@@ -158,6 +160,9 @@ class Airplane:
         slow = _too_slow(p, estimate.position.velocity_ned_m_s, airspeed_m_s, wind)
         if slow is not None:
             return slow
+        low = self._too_low(estimate.pose.position.z, ground_down_m)
+        if low is not None:
+            return low
         floor = FREE
         if self._config.airplane.floor_down_m is not None:
             floor = Bound(self._config.airplane.floor_down_m, "airplane.floor_down_m")
@@ -167,6 +172,20 @@ class Airplane:
             below_m = floor.value - origin_ned_m.z
             floor = floor._replace(value=FLOOR_STEP_M * round(below_m / FLOOR_STEP_M))
         return cannot_fly(self._config.trajectory, p, self.trims, wind or ZERO, floor)
+
+    def _too_low(self, down_m: float, ground_down_m: float | None) -> str | None:
+        """Why it is not engaged at this height, in words that stay; a floor that is set counts, not home."""
+        floor_m = self._config.airplane.floor_down_m
+        if floor_m is not None:
+            return (
+                f"it is below airplane.floor_down_m = {floor_m:g}: climb first" if down_m > floor_m else None
+            )
+        if ground_down_m is None or ground_down_m - down_m >= LEAST_HEIGHT_M:
+            return None
+        return (
+            f"it is less than {LEAST_HEIGHT_M:g} m above HOME_POSITION: climb first, or set "
+            "airplane.floor_down_m if the ground is lower here"
+        )
 
     def cautions(
         self, estimate: Estimate, origin_ned_m: Vec3, ground_down_m: float | None

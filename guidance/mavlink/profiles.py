@@ -65,6 +65,10 @@ class Asked(StrEnum):
     VELOCITY_YAW_RATE = "velocity and yaw rate"
 
 
+#: What is taken over in the air.
+FLIES: Final = frozenset({Handling.AIRPLANE, Handling.VELOCITY})
+
+
 class Older(NamedTuple):
     """What every version takes, for one from before `first_version` or of which that is not known.
 
@@ -158,7 +162,7 @@ class Profile(NamedTuple):
     def condition(self) -> tuple[tuple[str, float], ...]:
         """The messages that tell of its condition (`guidance.condition`), with their rates in Hz."""
         ekf = (("EKF_STATUS_REPORT", 5.0),) if self.firmware == "ArduPilot" else ()
-        landed = (("EXTENDED_SYS_STATE", 5.0),) if self.handling is Handling.VELOCITY else ()
+        landed = (("EXTENDED_SYS_STATE", 5.0),) if self.handling in FLIES else ()
         return ekf + landed
 
     @property

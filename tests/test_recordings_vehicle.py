@@ -79,7 +79,7 @@ PARAMETERS_OF_A_UUV = {f"UUV_{axis}_{gain}" for axis in ("ROLL", "PITCH", "YAW")
     "UUV_TORQUE_SAT",
 }
 #: Of ArduRover, and not among those that were recorded (`Rover/Parameters.cpp`).
-PARAMETERS_NOT_RECORDED = {"FS_GCS_ENABLE", "LOIT_RADIUS"}
+PARAMETERS_NOT_RECORDED = {"FS_EKF_ACTION", "FS_GCS_ENABLE", "LOIT_RADIUS"}
 
 
 def a_flight(firmware: Firmware) -> Peer:

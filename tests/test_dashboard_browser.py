@@ -14,10 +14,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import pytest
 import zenoh
 from playwright.sync_api import Browser, Locator, Page, expect
 
+from guidance.records import Status
 from guidance.telemetry.zenoh_sink import zenoh_config
 from tests.browser_rig import (
     PATIENCE_MS,
@@ -244,6 +246,13 @@ def test_garbage_on_the_keys_is_named_and_the_page_goes_on(browser: Browser, wat
             expect(page.locator("#ignored")).to_contain_text(words)
         expect(row_of(page, "uuv-9")).to_be_visible()
         expect(row_of(page, "uuv-1")).to_contain_text("tracking")
+        unheard_of = Status(
+            t_ns=time.monotonic_ns(),
+            **{"state": "constructor", "reason": "", "since_ns": 0, "armed": None, "mode": ""},
+            **{"intended_mode": "", "trajectory_start_ns": None, "origin_ned_m": None, "setpoints_sent": 0},
+        )
+        watched.stranger.put("guidance/uuv-7/status", msgspec.json.encode(unheard_of), encoding=ours)
+        expect(row_of(page, "uuv-7")).to_contain_text("constructor")
         assert error_of(page, "uuv-1") < 0.01
         assert faint_texts(page) == []
         picture(page, "garbage")

@@ -248,8 +248,15 @@ def test_garbage_on_the_keys_is_named_and_the_page_goes_on(browser: Browser, wat
         expect(row_of(page, "uuv-1")).to_contain_text("tracking")
         unheard_of = Status(
             t_ns=time.monotonic_ns(),
-            **{"state": "constructor", "reason": "", "since_ns": 0, "armed": None, "mode": ""},
-            **{"intended_mode": "", "trajectory_start_ns": None, "origin_ned_m": None, "setpoints_sent": 0},
+            state="constructor",
+            reason="",
+            since_ns=0,
+            armed=None,
+            mode="",
+            intended_mode="",
+            trajectory_start_ns=None,
+            origin_ned_m=None,
+            setpoints_sent=0,
         )
         watched.stranger.put("guidance/uuv-7/status", msgspec.json.encode(unheard_of), encoding=ours)
         expect(row_of(page, "uuv-7")).to_contain_text("constructor")

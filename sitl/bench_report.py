@@ -45,7 +45,7 @@ def measure(flight_s: float = _HOUR_S, advance: Callable[[], object] = lambda: N
     """
     with tempfile.TemporaryDirectory() as directory:
         html = Path(directory) / "report.html"
-        # A process's peak includes that of who started it: the flight, and all that it keeps, must not be here.
+        # A process's peak includes that of who started it, so what the flight keeps must not be here.
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as flying:
             log = flying.submit(_log, Path(directory), flight_s).result()
         advance()

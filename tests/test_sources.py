@@ -206,7 +206,7 @@ def test_a_switch_takes_over_without_a_step_and_the_difference_dies_away(off_m: 
 @pytest.mark.parametrize(
     ("off_m", "off_rad"),
     [(Vec3(0.0, 2.4 * POSITION_JUMP_M, 0.0), Vec3(0.0, 0.0, 0.0)),
-     (Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 12.0 * ATTITUDE_JUMP_RAD))],
+     (Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 20.0 * ATTITUDE_JUMP_RAD))],
     ids=["moved", "turned"],
 )  # fmt: skip
 def test_sources_that_disagree_by_more_are_a_reset_and_the_new_one_counts(off_m: Vec3, off_rad: Vec3) -> None:

@@ -39,6 +39,9 @@ from tests.tuning_flight import (
 
 PLANES = ("px4-plane", "ardupilot-plane")
 
+#: Whole flights of 200 s: 9 s of a core each, on a busy machine far more.
+pytestmark = pytest.mark.timeout(300)
+
 
 def plan_of(profile: str, *overrides: str, speed_m_s: float | None = None) -> Config:
     return planned(shipped(profile, *overrides), speed_m_s, told(profile)).config

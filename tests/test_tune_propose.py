@@ -83,15 +83,15 @@ def test_airplane_rules() -> None:
     assert lines == {
         "link.actuation_delay_s": 0.1,
         "airplane.bank_lag_s": 0.5,
-        "law.rho2_per_s": 1.2,
-        "law.rho3_per_s": 1.2,
-        "law.k": 0.4,
+        "law.rho2_per_s": 0.7,
+        "law.rho3_per_s": 0.7,
+        "law.k": 0.23,
         "limits.roll_rate_max_rad_s": 1.4,
     }
     config = load(SHIPPED.with_name("px4-plane.toml"), [f"{key}={value}" for key, value in lines.items()])
-    assert config.law.rho3_per_s == 1.2
+    assert config.law.rho3_per_s == 0.7
     quick = bank._replace(answer=bank.answer._replace(tau_s=0.05))
-    assert by_key(airplane_lines({"roll_rad": quick}))["law.rho3_per_s"] == 1.8
+    assert by_key(airplane_lines({"roll_rad": quick}))["law.rho3_per_s"] == 1.4
 
 
 def test_copter_rules_take_the_slower_axis() -> None:

@@ -140,7 +140,7 @@ def test_the_command_line_orders_and_says_what_became_of_it(
         nobody = CliRunner().invoke(
             app, ["command", "uuv-2", "hold", "--connect", endpoint, "--seconds", "0.1"]
         )
-        assert nobody.exit_code == 2
+        assert nobody.exit_code == 1
         assert f"no service of uuv-2 answers at {endpoint}" in nobody.stderr
     finally:
         assert sink.close(PATIENCE_S)

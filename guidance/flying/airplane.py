@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from guidance.abilities import FREE, AirplaneAbilities, Bound
-from guidance.config import Config
+from guidance.config import Config, profile_of
 from guidance.estimate import Estimate
 from guidance.flying import Caution, Flown
 from guidance.flying.airplane_feasible import abilities_of, cannot_fly
@@ -58,7 +58,7 @@ LEAST_HEIGHT_M: Final = 10.0
 #: What is looked at anew when it changes by so much: the air's thinness, and the floor below the origin, m.
 THIN_STEP: Final = 0.01
 FLOOR_STEP_M: Final = 0.5
-#: By which the error of the estimator's velocity is found.
+#: By which the error of the velocity of PX4's estimator is found.
 SMOOTHING: Final = smoothing.Parameters(0.3, 2.0, error_s=smoothing.ERROR_S, error_max_m_s=1.0)
 
 
@@ -270,6 +270,8 @@ class Airplane:
 
     def _error(self, position: Vec3, velocity: Vec3, instant_ns: int, age_s: float) -> Vec3:
         """By how much the velocity is too large, from what was measured and when."""
+        if profile_of(self._config).firmware != "PX4":
+            return ZERO
         seen_ns = instant_ns - round(age_s * 1e9)
         dt_s = (seen_ns - self._smooth_ns) * 1e-9
         if dt_s > 0.0:

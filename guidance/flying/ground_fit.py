@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf, radians
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from guidance.config import Config
+from guidance.config import Config, profile_of
 from guidance.handling import rover_px4, slip, smoothing, speed_loop, stuck, waiting
 from guidance.handling.ground import Parameters
 from guidance.handling.rover import ACCELERATION_PART, GRAVITY_M_S2, LATERAL_PART, WAITING
 from guidance.se3 import Vec3
 from guidance.tuning import parameters
+
+#: So slowly is the error of a rover's velocity found: sooner, and a turn's slip is taken for it.
+ERROR_S: Final = 1.5
 
 
 class Allowed(NamedTuple):
@@ -78,6 +81,7 @@ def px4_allows(autopilot: rover_px4.Autopilot) -> Allowed:
 def fitted(config: Config, origin_ned_m: Vec3, allowed: Allowed) -> Parameters:
     """For a trajectory whose origin is there."""
     ground, a = config.ground, allowed
+    error_s = ERROR_S if profile_of(config).firmware == "PX4" else 0.0
     base = parameters(config.law, config.limits, origin_ned_m, planar=True)
     limits = base.limits
     limits = limits._replace(
@@ -94,7 +98,7 @@ def fitted(config: Config, origin_ned_m: Vec3, allowed: Allowed) -> Parameters:
         crawl_m_s=min(crawl_m_s, limits.speed_max_m_s),
         lateral_acceleration_m_s2=a.lateral_m_s2 if lateral is None else lateral,
         yaw_gain=ground.yaw_gain,
-        smoothing=smoothing.Parameters(ground.smoothing_s, 0.5, error_s=smoothing.ERROR_S, error_max_m_s=0.8),
+        smoothing=smoothing.Parameters(ground.smoothing_s, 0.5, error_s, error_max_m_s=0.8),
         slip=slip.Parameters(time_constant_s=2.0, speed_min_m_s=0.7, bound_rad=radians(ground.slip_max_deg)),
         speed_loop=speed_loop.Parameters(
             kp=ground.speed_kp,

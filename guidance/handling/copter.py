@@ -122,6 +122,7 @@ def px4(autopilot: Px4, configured: Configured = UNBOUNDED) -> velocity.Paramete
             bound_m_s=MISSING_MAX_M_S,
         ),
         drag_per_s=0.5,
+        error_s=smoothing.ERROR_S,
     )
 
 
@@ -141,6 +142,7 @@ def ardupilot(autopilot: ArduPilot, configured: Configured = UNBOUNDED) -> veloc
             bound_m_s=MISSING_MAX_M_S,
         ),
         drag_per_s=0.0,
+        error_s=0.0,
     )
 
 
@@ -150,7 +152,11 @@ def tilted_m_s2(tilt_deg: float) -> float:
 
 
 def _handling(
-    configured: Configured, autopilot: Configured, answers: response.Parameters, drag_per_s: float
+    configured: Configured,
+    autopilot: Configured,
+    answers: response.Parameters,
+    drag_per_s: float,
+    error_s: float,
 ) -> velocity.Parameters:
     c, a = configured, autopilot
     speed = min(c.speed_max_m_s, a.speed_max_m_s)
@@ -180,7 +186,7 @@ def _handling(
         slow_m_s=0.3,
         drag_per_s=drag_per_s,
         response=answers,
-        smoothing=smoothing.Parameters(0.3, 0.5, error_s=smoothing.ERROR_S, error_max_m_s=0.8),
+        smoothing=smoothing.Parameters(0.3, 0.5, error_s, error_max_m_s=0.8),
         waiting=WAITING if c.waits else waiting.OFF,
         stuck=stuck.Parameters(asked_m_s=0.5, speed_m_s=0.15, yaw_rate_rad_s=0.05, after_s=3.0),
     )

@@ -6,16 +6,17 @@ would be busy with noise alone. The velocity, integrated, is smooth, and the pos
 complementary filter, without lag on any motion that the velocity shows. An estimator that is smooth already
 loses nothing by it.
 
-A velocity that is wrong for seconds, as PX4's estimator has it (0.5 m/s in PX4's own simulator, of 1.17),
-disagrees with the positions that come with it. What of it is no noise is found as the velocity's error: an
-observer of position and that error, damped by 0.7 where `error_s` is 2 `time_constant_s`.
+A velocity that is wrong for seconds, as PX4's estimator has it (0.5 m/s in PX4's own simulator, of 1.17;
+not ArduPilot's in its own), disagrees with the positions that come with it. What of it is no noise is found
+as the velocity's error: an observer of position and that error, damped by 0.7 where `error_s` is 2
+`time_constant_s`.
 """
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Final, NamedTuple
 
-from guidance.limits import clamp
 from guidance.se3 import ZERO, Vec3
 
 #: What of a velocity is wrong for longer than this is found: shorter, and white noise becomes it.
@@ -26,7 +27,7 @@ class Parameters(NamedTuple):
     """What the velocity does not explain is taken over in `time_constant_s`, and at once beyond `jump_m`: a
     reset has its own treatment. A time constant of 0 switches it off.
 
-    The velocity's error is found over `error_s` (0: it has none), within +-`error_max_m_s` an axis.
+    The velocity's error is found over `error_s` (0: it has none), up to `error_max_m_s` (> 0 then) long.
     """
 
     time_constant_s: float
@@ -63,9 +64,7 @@ def smoothing_step(
     part = dt / (p.time_constant_s + dt)
     if p.error_s > 0.0:
         gain, most = part / p.error_s, p.error_max_m_s
-        error = Vec3(
-            clamp(error.x - gain * dx, -most, most),
-            clamp(error.y - gain * dy, -most, most),
-            clamp(error.z - gain * dz, -most, most),
-        )
+        ex, ey, ez = error.x - gain * dx, error.y - gain * dy, error.z - gain * dz
+        shorter = most / max(most, sqrt(ex * ex + ey * ey + ez * ez))
+        error = Vec3(shorter * ex, shorter * ey, shorter * ez)
     return Memory(True, Vec3(x + part * dx, y + part * dy, z + part * dz), error)

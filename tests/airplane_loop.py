@@ -14,7 +14,7 @@ from guidance.mavlink.air import VfrHud, Wind
 from guidance.mavlink.messages import Odometry
 from guidance.mavlink.profiles import Asked
 from guidance.records import AirplaneHandling
-from guidance.se3 import Quaternion, Vec3, add, from_euler, norm, pitch_of, roll_of, subtract
+from guidance.se3 import ZERO, Quaternion, Vec3, add, from_euler, norm, pitch_of, roll_of, subtract
 from guidance.tracker import Solution, Tracker
 from guidance.trajectory import sample
 from sitl.airplane_flight import (
@@ -63,6 +63,7 @@ class Loop:
         noise: bool = True,
         seed: int = 0,
         sensed: Callable[[float], float] | None = lambda airspeed: airspeed,
+        velocity_wrong_m_s: Vec3 = ZERO,
     ) -> None:
         self.config, self.body = config, body
         self.profile = profile_of(config)
@@ -79,6 +80,7 @@ class Loop:
         self.weather = Turbulence(air, 0.16 * wind_m_s, 0.1 * wind_m_s, 200.0, 50.0)
         self._gusts = NO_GUSTS
         self._wind_told, self._sensed = wind_told, sensed
+        self._wrong = velocity_wrong_m_s
         self._origin = Vec3(0.0, 0.0, -height_m)
         r = sample(config.trajectory, 0.0)
         course = atan2(r.velocity.y, r.velocity.x)
@@ -119,9 +121,9 @@ class Loop:
             s.heading_rad + self._heading_bias + ATTITUDE_RAD * z[2],
         )
         velocity = Vec3(
-            s.velocity_north_m_s + VELOCITY_M_S * z[3],
-            s.velocity_east_m_s + VELOCITY_M_S * z[4],
-            s.velocity_down_m_s + VELOCITY_M_S * z[5],
+            s.velocity_north_m_s + self._wrong.x + VELOCITY_M_S * z[3],
+            s.velocity_east_m_s + self._wrong.y + VELOCITY_M_S * z[4],
+            s.velocity_down_m_s + self._wrong.z + VELOCITY_M_S * z[5],
         )
         north, east, down = (
             float(value + POSITION_M * noise + bias)

@@ -74,6 +74,16 @@ def test_from_far_off_facing_away_the_clock_waits(name: str) -> None:
     assert loop(name, "airplane.waits=false").fly(5.0)[-1].around.waited_s == 0.0
 
 
+def test_a_velocity_that_px4_has_wrong_is_set_right_and_ardupilot_s_is_taken_as_it_is() -> None:
+    wrong = Vec3(0.5, -0.3, 0.2)
+    for name, found in (("px4-plane", wrong), ("ardupilot-plane", Vec3(0.0, 0.0, 0.0))):
+        flight = loop(name, velocity_wrong_m_s=wrong)
+        flight.fly(20.0)
+        handler = flight.tracker.handler
+        assert isinstance(handler, Airplane)
+        assert handler._smooth.error == pytest.approx(found, abs=0.15)
+
+
 def test_the_record_s_clock_is_that_of_its_step() -> None:
     rows = loop("px4-plane", right_m=-150.0, off_rad=radians(-90.0)).fly(6.0)
     assert rows[-1].around.waited_s > 1.0

@@ -277,6 +277,17 @@ def test_what_the_velocity_does_not_show_comes_in_its_time() -> None:
     assert memory.position.x == pytest.approx(0.063, abs=0.005)
 
 
+@pytest.mark.parametrize(("wrong_m_s", "found_m_s"), [(0.4, 0.4), (3.0, 0.8)])
+def test_the_error_of_a_velocity_is_found_within_its_bound(wrong_m_s: float, found_m_s: float) -> None:
+    memory, wrong = smoothing.UNSTARTED, Vec3(0.6 * wrong_m_s, 0.0, -0.8 * wrong_m_s)
+    finds = smoothing.Parameters(0.3, 5.0, error_s=0.6, error_max_m_s=0.8)
+    for _ in range(500):  # it stands
+        memory = smoothing.smoothing_step(finds, memory, ZERO, wrong, DT)
+    assert memory.error == pytest.approx(Vec3(0.6 * found_m_s, 0.0, -0.8 * found_m_s), abs=0.01)
+    blind = smoothing.smoothing_step(SMOOTH, smoothing.Memory(True, ZERO, ZERO), ZERO, wrong, DT)
+    assert blind.error == ZERO
+
+
 def test_a_jump_is_taken_at_once_and_none_is_smoothed_when_off() -> None:
     memory = smoothing.Memory(True, ZERO, ZERO)
     far, near = Vec3(0.0, 0.6, 0.0), Vec3(0.0, 0.4, 0.0)

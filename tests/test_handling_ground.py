@@ -13,7 +13,7 @@ import guidance
 from guidance.allocation import PITCH_YAW
 from guidance.config import load
 from guidance.flying.ground import ground_parameters
-from guidance.flying.ground_fit import ardupilot_allows
+from guidance.flying.ground_fit import ERROR_S, ardupilot_allows, fitted
 from guidance.handling.ground import UNSTARTED, Demand, Measured, Memory, Parameters, ground_step
 from guidance.handling.waiting import ON_TIME
 from guidance.law import GLOBAL, Gains, Limits, guide_step
@@ -77,6 +77,12 @@ def flat(value: object) -> list[float]:
         return [number for item in value for number in flat(item)]
     assert isinstance(value, int | float)
     return [float(value)]
+
+
+@pytest.mark.parametrize(("profile", "error_s"), [("px4-rover", ERROR_S), ("ardupilot-rover", 0.0)])
+def test_only_px4_s_velocity_is_taken_to_be_wrong(profile: str, error_s: float) -> None:
+    found = fitted(load(DEPLOY.with_name(f"{profile}.toml")), ZERO, ardupilot_allows(VALUES))
+    assert found.smoothing.error_s == error_s
 
 
 def test_an_ardupilot_rover_that_brakes_slower_than_it_speeds_up_is_taken_at_that() -> None:

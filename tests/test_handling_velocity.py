@@ -291,6 +291,11 @@ def test_nothing_is_unbounded_by_default() -> None:
         assert parameters.vertical_acceleration_m_s2 < inf
 
 
+def test_only_px4_s_velocity_is_taken_to_be_wrong() -> None:
+    assert PX4.smoothing.error_s > 0.0
+    assert ARDUPILOT.smoothing.error_s == 0.0
+
+
 @pytest.mark.parametrize("period_s", [inf, 15.0])
 def test_a_velocity_that_is_measured_wrong_leads_nowhere(period_s: float) -> None:
     """PX4's estimator has the velocity 0.4 m/s wrong for seconds in PX4's own simulator, and flies that."""

@@ -58,7 +58,7 @@ LEAST_HEIGHT_M: Final = 10.0
 #: What is looked at anew when it changes by so much: the air's thinness, and the floor below the origin, m.
 THIN_STEP: Final = 0.01
 FLOOR_STEP_M: Final = 0.5
-#: By which the error of the velocity of PX4's estimator is found.
+#: By which the error of the velocity is found, of PX4's estimator; ArduPilot's is taken to have none.
 SMOOTHING: Final = smoothing.Parameters(0.3, 2.0, error_s=smoothing.ERROR_S, error_max_m_s=1.0)
 
 
@@ -76,6 +76,8 @@ class Airplane:
     def __init__(self, config: Config) -> None:
         self._values: Mapping[str, float] = {}
         self._memory = airplane.unstarted(UNTRIMMED)
+        px4 = profile_of(config).firmware == "PX4"
+        self._smoothing = SMOOTHING if px4 else SMOOTHING._replace(error_s=0.0)
         self._smooth, self._smooth_ns = smoothing.UNSTARTED, 0
         self._fitted: Fitted | None = None
         self._period_s = 1.0 / config.link.rate_hz
@@ -270,13 +272,11 @@ class Airplane:
 
     def _error(self, position: Vec3, velocity: Vec3, instant_ns: int, age_s: float) -> Vec3:
         """By how much the velocity is too large, from what was measured and when."""
-        if profile_of(self._config).firmware != "PX4":
-            return ZERO
         seen_ns = instant_ns - round(age_s * 1e9)
         dt_s = (seen_ns - self._smooth_ns) * 1e-9
         if dt_s > 0.0:
             self._smooth_ns = seen_ns
-            self._smooth = smoothing.smoothing_step(SMOOTHING, self._smooth, position, velocity, dt_s)
+            self._smooth = smoothing.smoothing_step(self._smoothing, self._smooth, position, velocity, dt_s)
         return self._smooth.error
 
     def neutral(self, estimate: Estimate) -> Demand:

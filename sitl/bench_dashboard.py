@@ -56,10 +56,11 @@ def measure(seconds: float) -> Report:
         with _page(port, serving) as page:
             page.send(json.dumps({"ask": "see", "vehicle": "rover-0"}))
             _read(page, _WARM_S)
-            rss_start_mb, cpu_s, at_s = _rss_mb(serving), _cpu_s(serving), time.monotonic()
+            pid = serving.process.pid
+            rss_start_mb, cpu_s, at_s = rss_mb(pid), cpu_s_of(pid), time.monotonic()
             came, rows, shown = _read(page, seconds)
             took_s = time.monotonic() - at_s
-            spent_s, rss_end_mb = _cpu_s(serving) - cpu_s, _rss_mb(serving)
+            spent_s, rss_end_mb = cpu_s_of(pid) - cpu_s, rss_mb(pid)
         for child in (flying, serving):
             if child.ended:
                 raise UnavailableError(child.obituary())
@@ -139,13 +140,15 @@ def _read(page: Any, seconds: float) -> tuple[int, int, int]:
     return came, made, shown
 
 
-def _cpu_s(child: Child) -> float:
-    fields = Path(f"/proc/{child.process.pid}/stat").read_text().rpartition(") ")[2].split()
+def cpu_s_of(pid: int) -> float:
+    """What a process has spent, user and system time (man 5 proc)."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _rss_mb(child: Child) -> float:
-    pages = int(Path(f"/proc/{child.process.pid}/statm").read_text().split()[1])
+def rss_mb(pid: int) -> float:
+    """What a process holds in memory (man 5 proc)."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 

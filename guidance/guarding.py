@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Final
+
+from pymavlink.dialects.v20 import all as dialect
 
 from guidance.config import Config
 from guidance.estimate import Estimate, Reset, Switch, together
@@ -11,7 +14,7 @@ from guidance.geofence import Fence
 from guidance.guard_limits import SILENCE, GuardsConfig, fence_of
 from guidance.guards import GUARDS, NOT_FINITE, NUMBER, Guard, Look
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.messages import BatteryStatus, Body, GpsGlobalOrigin, SysStatus
+from guidance.mavlink.messages import BatteryStatus, Body, GpsGlobalOrigin, StatusText, SysStatus
 from guidance.mavlink.profiles import Profile
 from guidance.se3 import Vec3, norm
 from guidance.supervisor import State
@@ -24,6 +27,10 @@ IN_CONTROL: Final = frozenset({State.TRACKING, State.PAUSING})
 _PLAN_NS: Final = 500_000_000
 #: What forbade to engage must have been well for so long: a battery at its limit is not ready twice a second.
 _CALM_NS: Final = 3_000_000_000
+#: How ArduPilot tells its emergency stop (`RC_Channel::read_aux`), of which nothing else speaks; a switch in
+#: the middle changes nothing.
+_STOP_SWITCH: Final = re.compile(rb"RC\d+: MotorEStop (HIGH|LOW)\b")
+_OUTPUTS: Final = dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
 
 
 class Guards:
@@ -54,14 +61,22 @@ class Guards:
         self._config = config
 
     def rebooted(self) -> None:
-        """Another autopilot, as it were: nothing is known of its batteries."""
+        """Another autopilot, as it were: nothing is known of its batteries and switches."""
         self._percent: int | None = None
+        self._stop_switch = False
+        self._outputs_off = False
         self._batteries: dict[int, BatteryStatus] = {}
 
     def heard(self, body: Body) -> None:
-        """A message that says something of the batteries; others are not looked at."""
+        """A message that says something of batteries and switches; others are not looked at."""
         if isinstance(body, SysStatus):
             self._percent = None if body.battery_remaining < 0 else body.battery_remaining
+            has, uses = body.onboard_control_sensors_present, body.onboard_control_sensors_enabled
+            self._outputs_off = bool(has & ~uses & _OUTPUTS)
+        elif isinstance(body, StatusText):
+            told = _STOP_SWITCH.match(body.text)
+            if told is not None:
+                self._stop_switch = told[1] == b"HIGH"
         elif isinstance(body, BatteryStatus):
             self._batteries[body.id] = body
 
@@ -85,6 +100,8 @@ class Guards:
 
     def look(self, state: Estimate | str, in_state: State, now_ns: int) -> None:
         """Look at all of them; `state` is the estimate, or why there is none."""
+        if not self._link.armed:  # ArduPilot does not arm while it is stopped: the next flight is another
+            self._stop_switch = False
         in_control = in_state in IN_CONTROL
         if in_control and not self._in_control:
             self._control_ns = now_ns
@@ -149,7 +166,16 @@ class Guards:
             charge_state=max(
                 (b.charge_state for b in self._batteries.values() if b.charge_state in range(3, 7)), default=0
             ),
+            stopped=self._stopped(),
         )
+
+    def _stopped(self) -> str | None:
+        """By what ArduPilot's motors stand still; PX4 tells it in HEARTBEAT, and means ESCs by the bit."""
+        if self._profile.autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA or not self._link.armed:
+            return None
+        if self._stop_switch:
+            return "the motors are stopped by the emergency switch"
+        return "the motors are off by the safety switch" if self._outputs_off else None
 
     def _fence(self) -> Fence | str | None:
         """In the autopilot's local frame as it is now."""

@@ -65,7 +65,8 @@ class Look(NamedTuple):
     """What is known now.
 
     `state` is the estimate or why there is none; `solution` the newest of the law while in control;
-    `origin_ned_m` the trajectory's, or where it would be; `fence` may be why it is not known.
+    `origin_ned_m` the trajectory's, or where it would be; `fence` may be why it is not known. `stopped` says
+    by what the motors stand still, though the autopilot is armed.
     """
 
     now_ns: int
@@ -83,6 +84,7 @@ class Look(NamedTuple):
     offset_m: float
     battery_percent: int | None
     charge_state: int
+    stopped: str | None
 
     @property
     def guards(self) -> GuardsConfig:
@@ -108,6 +110,8 @@ class Guard(NamedTuple):
 
 
 def _failsafe(look: Look) -> str | None:
+    if look.stopped is not None:
+        return look.stopped
     beat = look.link.heartbeat
     status = None if beat is None else _FAILSAFE.get(beat.system_status)
     if look.in_control and look.link.heartbeat_ns < look.control_ns + _HEARTBEAT_SHOWN_NS:
@@ -272,8 +276,8 @@ NUMBER: Final = Guard("number", "the law: any number that is not finite", (), 0.
 
 #: In the order in which they are believed: the first one that trips is the reason.
 GUARDS: Final = (
-    Guard("failsafe", "HEARTBEAT: the autopilot's own failsafe acts (CRITICAL and above)", (), 0.0, True,
-          _failsafe),
+    Guard("failsafe", "HEARTBEAT: the autopilot's own failsafe acts (CRITICAL and above); STATUSTEXT, "
+          "SYS_STATUS: a switch has stopped ArduPilot's motors", (), 0.0, True, _failsafe),
     NUMBER,
     Guard("fence", "vehicle and trajectory against polygon and band of depth",
           ("fence_ned_m", "fence_deg", "fence_down_min_m", "fence_down_max_m", "fence_ahead_s",

@@ -18,6 +18,8 @@ from tests.helpers import make_config
 
 SECOND = 1_000_000_000
 START_NS = 5 * SECOND
+#: Around everything: none at all is a warning of its own.
+FENCED = "guards.fence_ned_m=[[-9e4,-9e4],[9e4,-9e4],[9e4,9e4],[-9e4,9e4]]"
 #: Everything else on the line speaks at this period.
 OTHERS_NS = SECOND // 50
 
@@ -45,7 +47,7 @@ class Bench:
         signing_key: bytes | None = None,
         lenient: bool = False,
     ) -> None:
-        config = make_config("supervisor.engage=auto", "supervisor.arm=true", *overrides)
+        config = make_config("supervisor.engage=auto", "supervisor.arm=true", FENCED, *overrides)
         options = {"firmware": Firmware(config.vehicle.profile), **(vehicle or {})}
         self.vehicle = Vehicle(VehicleOptions(**options), boot_ns=START_NS)
         if lenient:

@@ -8,7 +8,7 @@ from typing import Any, Final
 import pytest
 
 from guidance.guards import GUARDS
-from guidance.mavlink.messages import BatteryStatus
+from guidance.mavlink.messages import BatteryStatus, StatusText, SysStatus
 from guidance.records import Event, Level, Packet
 from guidance.se3 import Pose, Vec3, quaternion_exp
 from guidance.supervisor import State
@@ -17,6 +17,7 @@ from sitl.plant import PlantParameters
 from sitl.vehicle.controls import Effect
 from tests.helpers import (
     PERFECT,
+    ROVER,
     events_of,
     fly_until,
     make_flight,
@@ -319,6 +320,71 @@ def test_the_autopilots_own_failsafe_is_left_alone(
     flight.run(10.0)
     assert setpoints_since(flight, aborted_ns) == []
     assert state_of(flight) is State.CONNECTED
+
+
+def tell(flight: Lockstep, words: str) -> None:
+    """A text of the autopilot."""
+    flight.vehicle._pilot.text(6, words)
+
+
+def outputs_off(flight: Lockstep) -> None:
+    """As ArduPilot's SYS_STATUS has it while the safety switch is on."""
+    pilot: Any = flight.vehicle._pilot
+    present, enabled, *health = pilot.sensors
+    pilot.sensors = (present, enabled & ~0x8000, *health)
+
+
+STOPS: Final[dict[str, Callable[[Lockstep], object]]] = {
+    "the motors are stopped by the emergency switch": lambda flight: tell(flight, "RC7: MotorEStop HIGH"),
+    "the motors are off by the safety switch": outputs_off,
+}
+
+
+@pytest.mark.parametrize("reason", STOPS)
+def test_a_pilot_who_stops_ardupilots_motors_has_ended_the_flight(reason: str) -> None:
+    """It stays armed and in GUIDED: whoever let go of the switch would have it drive on by our setpoints."""
+    flight, _ = tracking(ROVER)
+    STOPS[reason](flight)
+    flight.vehicle.refit(flight.now_ns, effect=Effect(speed=0.0, yaw=0.0))
+    assert assert_ended(flight, "failsafe", 1.0, mode=None) == f"failsafe: {reason}"
+    assert (flight.vehicle.armed, flight.vehicle.mode) == (True, "GUIDED")
+    assert flight.guide.engagement.engage(flight.now_ns) is None
+    flight.run(2.0)
+    assert state_of(flight) is State.CONNECTED
+    assert flight.guide.engagement.reason == f"failsafe: {reason}"
+
+
+@pytest.mark.parametrize("how", ["let go", "disarmed"])
+def test_a_stop_switch_that_is_let_go_and_a_disarmed_vehicle_forbid_no_flight(how: str) -> None:
+    flight, pilot = tracking(ROVER)
+    tell(flight, "RC7: MotorEStop HIGH")
+    fly_until(flight, State.ABORTED, 1.0)
+    if how == "let go":
+        tell(flight, "RC7: MotorEStop MIDDLE")
+        flight.run(5.0)
+        assert flight.guide.guards.condition is not None
+        tell(flight, "RC7: MotorEStop LOW")
+    else:
+        pilot.arm(False)
+    flight.run(5.0)
+    assert flight.guide.guards.condition is None
+
+
+@pytest.mark.parametrize("words", ["RC7: MotorEStop LOW", "RC7: MotorInterlock HIGH", "a MotorEStop HIGH"])
+def test_other_texts_stop_nothing(words: str) -> None:
+    flight, _ = tracking(ROVER)
+    tell(flight, words)
+    flight.run(3.0)
+    assert state_of(flight) is State.TRACKING
+
+
+def test_px4_has_no_such_switch() -> None:
+    """It says so in its HEARTBEAT, and by that bit of SYS_STATUS it means its ESCs."""
+    flight, _ = tracking(PX4)
+    flight.guide.guards.heard(StatusText(6, b"RC7: MotorEStop HIGH"))
+    flight.guide.guards.heard(SysStatus(0x8000, 0, 0, 90))
+    flight.run(0.1)
+    assert state_of(flight) is State.TRACKING
 
 
 ACTS: Final[dict[str, Callable[[Lockstep], object]]] = {

@@ -39,7 +39,9 @@ def test_a_flight_that_is_feasible_from_here_is_said_to_be() -> None:
     assert found(bench, "trajectory") == Finding("trajectory", Verdict.OK, "circle: can be flown from here")
     inside = "the vehicle is inside, and so are 30 s of the way from here"
     assert found(bench, "fence") == Finding("fence", Verdict.OK, inside)
-    assert found(Bench(*SLOW), "fence").found == "none is set (guards.fence_ned_m, guards.fence_deg)"
+    none = found(Bench(*SLOW, "guards.fence_ned_m=[]"), "fence")
+    assert none[:3] == ("fence", Verdict.WARN, "none is set")
+    assert "guards.fence_deg" in none.todo
 
 
 def test_a_way_that_leaves_the_fence_from_here_fails() -> None:

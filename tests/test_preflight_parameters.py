@@ -216,23 +216,27 @@ STOCK = {"COM_RC_IN_MODE": 3, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_AC
 @pytest.mark.parametrize(
     ("said", "warned"),
     [
-        ({}, {"COM_RCL_EXCEPT": "0: OFFBOARD ends when sticks are lost"}),
-        ({"COM_RCL_EXCEPT": 3}, {"COM_RCL_EXCEPT": "3: OFFBOARD ends when sticks are lost"}),
-        ({"COM_RCL_EXCEPT": 4}, {}),
-        ({"COM_RCL_EXCEPT": 7, "NAV_RCL_ACT": 6}, {"NAV_RCL_ACT": "6: disarm"}),
-        ({"COM_RC_IN_MODE": 4, "NAV_RCL_ACT": 6}, {}),
+        ({}, {}),
+        ({"COM_RCL_EXCEPT": 11}, {}),
+        ({"COM_RCL_EXCEPT": 4}, {"COM_RCL_EXCEPT": "4: OFFBOARD goes on when sticks are lost"}),
+        ({"COM_RCL_EXCEPT": 7}, {"COM_RCL_EXCEPT": "7: OFFBOARD goes on when sticks are lost"}),
+        ({"NAV_RCL_ACT": 6}, {"NAV_RCL_ACT": "6: disarm"}),
+        ({"COM_RC_IN_MODE": 4, "COM_RCL_EXCEPT": 4, "NAV_RCL_ACT": 6}, {}),
         ({"COM_RC_IN_MODE": 4, "NAV_DLL_ACT": 1}, {"NAV_DLL_ACT": "1: hold"}),
         (
-            {"COM_RCL_EXCEPT": 4, "COM_RC_IN_MODE": 9},
+            {"COM_RC_IN_MODE": 9},
             {"COM_RC_IN_MODE": "9: a meaning that is not known here"},
         ),
     ],
 )
 @pytest.mark.parametrize("profile", ["px4-uuv", "px4-plane", "px4-copter", "px4-rover"])
-def test_what_ends_offboard_without_sticks_or_a_ground_station_is_warned_of(
+def test_what_keeps_lost_sticks_or_no_ground_station_from_ending_offboard_well_is_warned_of(
     profile: str, said: dict[str, float], warned: dict[str, str]
 ) -> None:
-    """`failsafe.cpp` and `rcAndDataLinkCheck.cpp` of PX4 1.14 to main of 2026-03."""
+    """PX4 as it comes ends OFFBOARD when the transmitter is lost, and so the pilot has the last word.
+
+    `failsafe.cpp` and `rcAndDataLinkCheck.cpp` of PX4 1.14 to main of 2026-03.
+    """
     answers = STOCK | said
     rows = [row for row in PROFILES[profile].requirements if row.parameter in STOCK]
     assert {row.parameter for row in rows} == STOCK.keys()
@@ -244,10 +248,28 @@ def test_what_ends_offboard_without_sticks_or_a_ground_station_is_warned_of(
 
 def test_what_is_quiet_is_shown_only_if_something_is_wrong_with_it() -> None:
     assert not STOCK.keys() & Bench().findings().keys()
-    shown = Bench(vehicle={"parameters": STOCK}).findings()
+    assert not STOCK.keys() & Bench(vehicle={"parameters": STOCK}).findings().keys()
+    shown = Bench(vehicle={"parameters": STOCK | {"COM_RCL_EXCEPT": 7}}).findings()
     assert STOCK.keys() & shown.keys() == {"COM_RCL_EXCEPT"}
     assert shown["COM_RCL_EXCEPT"].verdict is Verdict.WARN
-    assert "add 4 to it (bit 2)" in shown["COM_RCL_EXCEPT"].todo
+    assert "take 4 from it (bit 2)" in shown["COM_RCL_EXCEPT"].todo
+
+
+@pytest.mark.parametrize(
+    ("profile", "name", "value", "grade"),
+    [
+        ("ardupilot-plane", "FS_LONG_ACTN", 0, Grade.DOUBTFUL),
+        ("ardupilot-plane", "FS_LONG_ACTN", 1, Grade.GOOD),
+        ("px4-rover", "COM_OBL_RC_ACT", 0, Grade.DOUBTFUL),
+        ("px4-rover", "COM_OBL_RC_ACT", 5, Grade.GOOD),
+        ("px4-copter", "COM_OBL_RC_ACT", 0, Grade.GOOD),
+    ],
+)
+def test_a_vehicle_that_would_go_on_with_nobody_in_command_is_warned_of(
+    profile: str, name: str, value: int, grade: Grade
+) -> None:
+    (row,) = (row for row in PROFILES[profile].requirements if row.parameter == name)
+    assert judge(row, {name: float(value)}, make_config()).grade is grade
 
 
 def test_a_parameter_that_the_autopilot_lacks_says_so_and_an_older_name_stands_in() -> None:

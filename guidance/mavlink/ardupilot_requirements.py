@@ -226,7 +226,7 @@ PLANE_GUIDED: Final = (
     _LOOP_RATE,
     Requirement(
         "FS_LONG_ACTN",
-        "",
+        "with the transmitter lost it flies on, and nobody can take over: if that is not meant, set it to 1",
         meanings={
             0: "goes on in auto and guided",
             1: "return",
@@ -235,6 +235,7 @@ PLANE_GUIDED: Final = (
             4: "auto",
             5: "autoland",
         },
+        doubtful=frozenset({0}),
     ),
     Requirement(
         "FS_GCS_ENABL",

@@ -18,8 +18,8 @@ _SPEED: Final = (0.1, 150.0)
 
 #: Of COM_RC_IN_MODE: nobody steers by hand, and nothing is lost (`failsafe.cpp`, 1.14 to main of 2026-03).
 _NO_STICKS: Final = 4
-#: Of COM_RCL_EXCEPT: without bit 2.
-_STICKS_NEEDED: Final = frozenset(bits for bits in range(32) if not bits & 4)
+#: Of COM_RCL_EXCEPT: with bit 2.
+_STICKS_IGNORED: Final = frozenset(bits for bits in range(32) if bits & 4)
 _LINK_LOSS: Final = {1: "hold", 2: "return", 3: "land", 5: "terminate", 6: "disarm"}
 
 PX4_OFFBOARD: Final = (
@@ -63,13 +63,13 @@ PX4_OFFBOARD: Final = (
     ),
     Requirement(
         "COM_RCL_EXCEPT",
-        "sticks that are there at arming and lost in flight end OFFBOARD by NAV_RCL_ACT: if that is not "
-        "meant, add 4 to it (bit 2)",
+        "when the transmitter is lost nobody can take over, and NAV_RCL_ACT does not act: if that is not "
+        "meant, take 4 from it (bit 2); sticks that are not there at arming are not missed either way",
         meanings={
-            **dict.fromkeys(range(32), "OFFBOARD goes on without sticks"),
-            **dict.fromkeys(_STICKS_NEEDED, "OFFBOARD ends when sticks are lost"),
+            **dict.fromkeys(range(32), "OFFBOARD ends when sticks are lost"),
+            **dict.fromkeys(_STICKS_IGNORED, "OFFBOARD goes on when sticks are lost"),
         },
-        doubtful=_STICKS_NEEDED,
+        doubtful=_STICKS_IGNORED,
         unless=("COM_RC_IN_MODE", _NO_STICKS),
         quiet=True,
     ),
@@ -206,9 +206,20 @@ PX4_COPTER_RATES: Final = (
     _limit("MC_ROLLRATE_MAX", "it rolls no faster", "deg/s", (1.0, 2000.0)),
     _limit("MC_PITCHRATE_MAX", "it pitches no faster", "deg/s", (1.0, 2000.0)),
 )
+#: Of COM_OBL_RC_ACT. PX4's issue 18346 (open since 2021): a rover went on with the last setpoint.
+_BY_HAND: Final = frozenset({0, 1, 2})
 
 PX4_ROVER: Final = (
-    *PX4_OFFBOARD,
+    *(
+        row._replace(
+            why="that is what the autopilot does when the setpoints stop; some versions of its rover drive "
+            "on in a mode for sticks: set it to 5 (hold), if no other is meant",
+            doubtful=row.doubtful | _BY_HAND,
+        )
+        if row.parameter == "COM_OBL_RC_ACT"
+        else row
+        for row in PX4_OFFBOARD
+    ),
     Requirement(
         "RO_SPEED_LIM",
         "the vehicle drives slower than it is asked to",

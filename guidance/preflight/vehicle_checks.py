@@ -170,7 +170,7 @@ def trajectory(seen: Seen) -> Iterator[Finding]:
     elif fenced or guards.fence_down_max_m is not None:
         yield ok("fence", f"the vehicle is inside, and so are {guards.fence_plan_s:g} s of the way from here")
     else:
-        yield ok("fence", "none is set (guards.fence_ned_m, guards.fence_deg)")
+        yield warn("fence", "none is set", "set guards.fence_deg; where there is no GPS, guards.fence_ned_m")
     for caution in tracker.cautions(estimate, link.origin, link.home):
         yield warn(caution.about, caution.text, "fly all the same if that is meant")
 

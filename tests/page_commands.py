@@ -44,6 +44,8 @@ CAMPAIGNS = starting(".venv/bin/sitl campaign")
 SCENARIOS = starting(".venv/bin/sitl scenarios")
 FUZZ = starting(".venv/bin/sitl fuzz")
 ON_THE_VEHICLE = starting("sudo ", "systemctl ")
+#: What a page has copied, by the copy's name: later commands name that.
+COPIED = {copy: original for original, copy in (shlex.split(line)[1:] for line in starting("cp "))}
 #: Run in test_readme, in its process or as processes, with less to do where they would take minutes.
 RUN = [
     *(*DEMOS, *REPLAYS, *CHECKS, *TUNES, *WATCHES, *PAPER, *ORDERS, *FOXGLOVE, *CAMPAIGNS, *SCENARIOS, *FUZZ),
@@ -63,6 +65,9 @@ NOT_RUN = {
     ".venv/bin/sitl faults": "a minute; each fault is a test of its own in test_faults",
     ".venv/bin/sitl faults --ships": "minutes; every fourth fault of each profile in test_faults_profiles",
     ".venv/bin/sitl faults --real": "minutes; parts of it in test_faults_real",
+    **dict.fromkeys(
+        starting("cp "), "copied in test_first_flight; in other tests the original stands for it"
+    ),
     **dict.fromkeys(ON_THE_VEHICLE, "installs as root; what it copies is copied, the rest held to the unit"),
     **dict.fromkeys(
         [c for c in starting(".venv/bin/sitl vehicle", ".venv/bin/guidance run") if c not in FLOWN],
@@ -72,5 +77,5 @@ NOT_RUN = {
 
 
 def words(command: str) -> list[str]:
-    """The arguments after the program."""
-    return shlex.split(command)[1:]
+    """The arguments after the program; a file that was copied is the one that it was copied from."""
+    return [COPIED.get(word, word) for word in shlex.split(command)[1:]]

@@ -46,8 +46,10 @@ SYMBOLS: Final = frozenset(
 )
 #: Parameters of autopilots that no code here reads, by where they are defined.
 ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {
-    "PX4 commander_params.c": ("COM_RC_OVERRIDE", "COM_LOW_BAT_ACT"),
-    "PX4 geofence_params.c, rc_update/params.c": ("GF_ACTION", "RC_MAP_KILL_SW"),
+    "PX4 commander_params.c": ("COM_RC_OVERRIDE", "COM_LOW_BAT_ACT", "COM_KILL_DISARM"),
+    "PX4 geofence_params.c, rc_update/params.c": (
+        *("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "RC_MAP_KILL_SW"),
+    ),
     "PX4 mavlink/module.yaml, mavlink_params.c": (
         *(
             "MAV_0_FORWARD",
@@ -62,9 +64,12 @@ ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {
     ),
     "ArduPilot AP_SerialManager.cpp": ("SERIALn_PROTOCOL", "SERIALn_BAUD", "SERIALn_OPTIONS", "SERIALn"),
     "ArduPilot RC_Channel.cpp, AC_Fence.cpp, AP_BattMonitor_Params.cpp": (
-        *("RCx_OPTION", "FENCE_ENABLE", "FENCE_ACTION", "BATT_FS_LOW_ACT", "BATT_LOW_VOLT"),
+        *("RCx_OPTION", "BATT_FS_LOW_ACT", "BATT_LOW_VOLT"),
+        *("FENCE_ENABLE", "FENCE_ACTION", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX"),
     ),
-    "ArduPilot Parameters.cpp of each vehicle": ("FS_THR_ENABLE", "THR_FAILSAFE"),
+    "ArduPilot Parameters.cpp of each vehicle": (
+        *("FS_THR_ENABLE", "FS_TIMEOUT", "FS_OPTIONS", "THR_FAILSAFE", "FS_SHORT_ACTN"),
+    ),
 }
 #: Words of other programs, files that are made, and what a user types in a shell.
 OTHERS: Final = frozenset(
@@ -79,7 +84,15 @@ OTHERS: Final = frozenset(
             "pip install '.[sitl]'",
             "pip install '.[foxglove]'",
         ),
-        *("kill -9", "systemctl edit", "systemctl stop", "systemctl status", "journalctl -u guidance@uuv-1"),
+        *(
+            "kill -9",
+            "kill -USR1",
+            "rover-1.toml",
+            "systemctl edit",
+            "systemctl stop",
+            "systemctl status",
+            "journalctl -u guidance@uuv-1",
+        ),
         *("sudo systemctl kill -s USR1 guidance@uuv-1", "sudo systemctl restart guidance@uuv-1"),
         *("sudo systemctl stop guidance@uuv-1", "systemctl edit guidance@uuv-1", "systemd-analyze security"),
         *("DeviceAllow=", "time-sync.target", "systemd-timesyncd", "fake-hwclock", "gpsd", "chrony"),

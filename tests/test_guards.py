@@ -365,12 +365,24 @@ def test_a_stop_switch_that_is_let_go_and_a_disarmed_vehicle_forbid_no_flight(ho
         assert flight.guide.guards.condition is not None
         tell(flight, "RC7: MotorEStop LOW")
     else:
+        pilot.switch("manual")
         pilot.arm(False)
+        flight.run(2.0)
+        pilot.arm()
     flight.run(5.0)
     assert flight.guide.guards.condition is None
 
 
-@pytest.mark.parametrize("words", ["RC7: MotorEStop LOW", "RC7: MotorInterlock HIGH", "a MotorEStop HIGH"])
+def test_the_safety_switch_of_a_vehicle_that_is_not_armed_is_the_autopilots_to_complain_of() -> None:
+    flight = make_flight(*ROVER, "supervisor.engage=pilot")
+    outputs_off(flight)
+    flight.run(5.0)
+    assert state_of(flight) is State.READY
+
+
+@pytest.mark.parametrize(
+    "words", ["RC7: MotorEStop LOW", "RC7: MotorInterlock HIGH", "no RC7: MotorEStop HIGH"]
+)
 def test_other_texts_stop_nothing(words: str) -> None:
     flight, _ = tracking(ROVER)
     tell(flight, words)

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as dialect
 from guidance.estimate import Estimate, PositionSample
 from guidance.flying import Caution
 from guidance.mavlink.link import AutopilotLink
-from guidance.mavlink.messages import SysStatus
+from guidance.mavlink.messages import AutopilotVersion, SysStatus
 from guidance.mavlink.profiles import FLIES, Profile
 from guidance.se3 import add, scale, subtract
 from guidance.tracker import Tracker
@@ -30,6 +30,10 @@ JITTER_SAMPLES: Final = 60
 JITTER_MAX_M: Final = 0.15
 #: Of COM_OBL_RC_ACT, those that are flown by hand.
 _BY_HAND: Final = {0: "position mode", 1: "altitude mode", 2: "stabilized"}
+#: Of COM_OBL_RC_ACT: terminate and disarm, from here on.
+_TERMINATES: Final = 6
+#: What an underwater vehicle is given back in.
+_MANUAL: Final = "manual"
 #: Of COM_RC_IN_MODE.
 _NO_STICKS: Final = 4
 
@@ -64,20 +68,45 @@ def about_sticks(
     profile: Profile, answers: Mapping[str, float], health: SysStatus | None
 ) -> tuple[Caution, ...]:
     """Where PX4 would fly by sticks that are not there when setpoints stop. It runs no such mode: a copter
-    sank, landed and disarmed. `answers` are its parameters."""
+    sank, landed and disarmed. An underwater vehicle is given back to them. `answers` are its parameters."""
     action = round(answers.get("COM_OBL_RC_ACT", -1.0))
-    if profile.handling not in FLIES or action not in _BY_HAND:
+    steered = profile.handling in FLIES and action in _BY_HAND
+    given_back = profile.holding == _MANUAL and 0 <= action < _TERMINATES
+    if not steered and not given_back:
         return ()
     off = answers.get("COM_RC_IN_MODE") == _NO_STICKS
     receiver = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     if not off and (health is None or health.onboard_control_sensors_present & receiver):
         return ()
     how = f"COM_RC_IN_MODE = {_NO_STICKS}" if off else "SYS_STATUS has no receiver present"
+    if given_back:
+        text = (
+            f"no sticks are heard ({how}), and without them PX4 refuses manual, which ends a flight here: "
+            "the thrusters go on until the setpoints stop; set COM_OBL_RC_ACT to 7 (disarm)"
+        )
+        return (Caution("sticks", text),)
     text = (
         f"no sticks are heard ({how}), and COM_OBL_RC_ACT = {action}, {_BY_HAND[action]}, needs them: "
         "when the setpoints stop it sinks and lands; set COM_OBL_RC_ACT to 5 (hold)"
     )
     return (Caution("sticks", text),)
+
+
+def about_stopping(
+    profile: Profile, answers: Mapping[str, float], version: AutopilotVersion | None
+) -> tuple[Caution, ...]:
+    """Where PX4 would go on with the last thrust when setpoints stop: an underwater vehicle before 1.17
+    (`uuv_att_control.cpp`), in each mode that COM_OBL_RC_ACT can stand for."""
+    action = round(answers.get("COM_OBL_RC_ACT", -1.0))
+    older = profile.for_version(version) is not profile
+    if profile.holding != _MANUAL or not older or not 0 <= action < _TERMINATES:
+        return ()
+    which = "of a version that is not known" if version is None else "before 1.17"
+    text = (
+        f"PX4 {which}, and COM_OBL_RC_ACT = {action}: when the setpoints stop the thrusters go on with "
+        "the last one; set COM_OBL_RC_ACT to 7 (disarm), if the vehicle floats up"
+    )
+    return (Caution("stopping", text),)
 
 
 class Cautions:

@@ -40,7 +40,7 @@ class Engage(_Order, frozen=True, kw_only=True, tag="engage"):
 
 
 class Hold(_Order, frozen=True, kw_only=True, tag="hold"):
-    """Stop on the way and stay there, under control."""
+    """Stop on the way and stay there, by the autopilot's own mode (`supervisor.hold_mode`)."""
 
 
 class Resume(_Order, frozen=True, kw_only=True, tag="resume"):

@@ -17,7 +17,7 @@ import msgspec
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import all as dialect
 
-from guidance.cautions import Cautions, about_sticks
+from guidance.cautions import Cautions, about_sticks, about_stopping
 from guidance.commanding import command_of
 from guidance.commands import Order, text_of
 from guidance.component import shown
@@ -282,8 +282,12 @@ class Guide:
         self._told.add(*self.fitting.look(now_ns, flying=flying))
         unfit = self.fitting.unmet
         if not flying and unfit is None:
-            sticks = about_sticks(self.profile, self.fitting.answers, self.condition.health)
-            for caution in self.cautions.look(self.tracker, self.link, estimate, now_ns, sticks):
+            answers = self.fitting.answers
+            others = (
+                *about_sticks(self.profile, answers, self.condition.health),
+                *about_stopping(self.profile, answers, self.link.version),
+            )
+            for caution in self.cautions.look(self.tracker, self.link, estimate, now_ns, others):
                 text = f"before you fly: {caution.text}"
                 self._told.event(Level.WARNING, "caution", text, now_ns)
                 self.link.outbox.long_text(SEVERITY[Level.WARNING], text)

@@ -117,10 +117,10 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """What was sent, and what the law asked for before limits; `t_ns` is the instant it is meant to act.
 
     `demanded_*` are (11) and (14) before, `body_rates_frd_rad_s` and `speed_m_s` after all limits.
-    `neutral` marks a setpoint that asks for nothing (proof of life before tracking). `attitude_wxyz` is that
-    of an airplane, whose thrust is its throttle, or stands beside an underwater vehicle's rates;
-    `velocity_ned_m_s` is what vehicles are told that take one. `type_mask` is the message's: which of its
-    fields count; logs from before it was kept have none.
+    `neutral` marks a setpoint that asks for nothing (proof of life before tracking). `thrust` is the
+    part of full thrust, -1 to 1. `attitude_wxyz` is that of an airplane, whose thrust is its throttle (0 to
+    1), or stands beside an underwater vehicle's rates; `velocity_ned_m_s` is what vehicles are told that take
+    one. `type_mask` is the message's: which of its fields count; logs from before it was kept have none.
     """
 
     seq: int
@@ -138,7 +138,10 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
 
 
 class TrackingError(Record, frozen=True, kw_only=True, gc=False):
-    """e = x - r at `t_ns`, the Lyapunov functions V1 and V2, and the field in body axes (y4, y5, y6)."""
+    """e = x - r at `t_ns`, the Lyapunov functions V1 and V2, and the field in body axes (y4, y5, y6).
+
+    V1 is phi, 1/2 k |e|^2 in the paper; V2 is 1/2 (y5^2 + y6^2).
+    """
 
     error_ned_m: Triple
     norm_m: float
@@ -149,6 +152,10 @@ class TrackingError(Record, frozen=True, kw_only=True, gc=False):
 
 class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
     """The supervisor: its state, since when, why, and what it knows of the vehicle's mode.
+
+    `state` is one of `disconnected`, `connected`, `withheld`, `ready`, `streaming`, `switching`, `arming`,
+    `tracking`, `pausing`, `holding`, `aborting`, `cancelling`, `backing-out`, `leaving`, `handed-over`,
+    `aborted`, `finished` (`guidance.supervisor.State`). `mode` and `intended_mode` are the profile's names.
 
     `allocation` names the rates that turn the vehicle; it is left out while it is the paper's, as in logs
     from before it could be another.
@@ -327,7 +334,7 @@ RATES: Final[dict[type[Record], str]] = {
     Packet: "everything that is sent to the autopilot",
     State: "with each setpoint; 10 Hz without",
     Reference: "with each setpoint that tracks",
-    Setpoint: "with each new attitude that may be flown by",
+    Setpoint: "with each new attitude that may be flown by; 50 Hz (link.rate_hz) are asked for",
     TrackingError: "with each setpoint that tracks",
     GroundHandling: "with each setpoint of a rover or boat",
     AirplaneHandling: "with each setpoint of an airplane",

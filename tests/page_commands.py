@@ -19,7 +19,7 @@ MAKE_A_KEY = "(umask 077 && openssl rand -hex 32 > signing.key)"
 FLOWN = (
     ".venv/bin/sitl vehicle --firmware px4-uuv --to 127.0.0.1:14540",
     ".venv/bin/guidance run --config deploy/px4-uuv.toml --set supervisor.engage=auto "
-    "--set supervisor.arm=true --set supervisor.engage_max_error_m=100",
+    "--set supervisor.arm=true",
 )
 
 

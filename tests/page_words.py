@@ -46,7 +46,9 @@ SYMBOLS: Final = frozenset(
 )
 #: Parameters of autopilots that no code here reads, by where they are defined.
 ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {
-    "PX4 commander_params.c": ("COM_RC_OVERRIDE", "COM_LOW_BAT_ACT", "COM_KILL_DISARM"),
+    "PX4 commander_params.c": (
+        *("COM_RC_OVERRIDE", "COM_LOW_BAT_ACT", "COM_KILL_DISARM", "COM_DISARM_LAND"),
+    ),
     "PX4 geofence_params.c, rc_update/params.c": (
         *("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "RC_MAP_KILL_SW"),
     ),
@@ -62,6 +64,7 @@ ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {
         ),
         *("MAV_1_RATE", "MAV_HB_FORW_EN", "SER_TEL2_BAUD", "SER_TEL2_PROTO"),
     ),
+    "ArduPilot GCS_MAVLink_Parameters.cpp, 4.7": ("MAVn_OPTIONS",),
     "ArduPilot AP_SerialManager.cpp": ("SERIALn_PROTOCOL", "SERIALn_BAUD", "SERIALn_OPTIONS", "SERIALn"),
     "ArduPilot RC_Channel.cpp, AC_Fence.cpp, AP_BattMonitor_Params.cpp": (
         *("RCx_OPTION", "BATT_FS_LOW_ACT", "BATT_LOW_VOLT"),

@@ -17,10 +17,11 @@ PX4: Final[tuple[str, ...]] = ()
 BOTH: Final = pytest.mark.parametrize("firmware", [PX4, ROVER], ids=["px4", "rover"])
 PILOT: Final = ("supervisor.engage=pilot", "supervisor.arm=false")
 AUTO: Final = ("supervisor.engage=auto", "supervisor.arm=true")
-#: In the words of the two firmwares.
+#: In the words of the firmwares: of PX4's underwater vehicle, of ArduRover, of other vehicles of PX4.
 NAMES: Final = {
-    "hold": ("AUTO.LOITER", "HOLD"),
+    "hold": ("MANUAL", "HOLD", "AUTO.LOITER"),
     "manual": ("MANUAL", "MANUAL"),
+    "acro": ("ACRO", "ACRO"),
     "control": ("OFFBOARD", "GUIDED"),
 }
 

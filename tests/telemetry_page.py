@@ -42,6 +42,27 @@ UNITS: Final = {
     "_ppm": "ppm",
     "_bytes_per_s": "bytes/s",
 }
+#: What no ending tells. "1" is a ratio, "count" counts since the start of the run, or what its text says.
+UNITS_OF: Final = {
+    "v1": "m^2/s",
+    "v2": "m^2/s^2",
+    "field_body": "m/s",
+    "origin_geodetic": "deg, deg, m AMSL",
+    "values": "the autopilot's own",
+    "measured": "the channel's",
+    "push": "the channel's, per s",
+    "type_mask": "bits",
+    **dict.fromkeys(
+        ("attitude_wxyz", "thrust", "clock_rate", "load", "effectiveness", "throttle_trim", "hover_part"), "1"
+    ),
+    **dict.fromkeys(
+        (
+            *("seq", "input_seq", "resets", "setpoints_sent", "received", "lost", "reboots", "rejected"),
+            *("counters", "ticks", "lateness_counts", "dropped_records", "dropped_packets", "count"),
+        ),
+        "count",
+    ),
+}
 #: A part of a field's name -> the frame that it is in.
 FRAMES: Final = {
     "_ned": "world, north east down",
@@ -52,7 +73,9 @@ FRAMES: Final = {
 
 
 def unit(name: str) -> str:
-    """By the ending of a field's name; empty for a word, a count or a plain ratio."""
+    """By a field's name or its ending; empty for what is no number."""
+    if name in UNITS_OF:
+        return UNITS_OF[name]
     fitting = [end for end in UNITS if name.endswith(end) or f"_{name}" == end]
     return UNITS[max(fitting, key=len)] if fitting else ""
 

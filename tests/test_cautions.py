@@ -229,7 +229,7 @@ def test_a_mode_by_hand_without_hands(
     assert bool(found) == (says is not None)
     assert says is None or says in found[0]
     assert says is None or found[0].endswith("set COM_OBL_RC_ACT to 5 (hold)")
-    assert not about_sticks(PROFILES["px4-uuv"], answers, health)
+    assert not about_sticks(PROFILES["px4-rover"], answers, health)
 
 
 def test_missing_sticks_are_told_before_a_flight() -> None:

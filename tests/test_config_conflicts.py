@@ -244,11 +244,15 @@ ROVER_EXITS = (
         ("vehicle.profile=zeppelin", f'"zeppelin": must be {one_of(sorted(PROFILES))}'),
         (
             "supervisor.exit_mode=holt",
-            '"holt": not a mode that px4-uuv can be left in; must be "manual", "altitude", "position", '
-            '"takeoff", "hold", "mission", "return", "land", "acro" or "stabilized" (did you mean hold?)',
+            '"holt": not a mode that px4-uuv can be left in; must be "hold", "manual", "altitude", '
+            '"position", "takeoff", "loiter", "mission", "return", "land", "acro" or "stabilized" '
+            "(did you mean hold?)",
         ),
-        ("supervisor.exit_mode=offboard", '"offboard": not a mode that px4-uuv can be left in; must be "man'),
-        ("supervisor.exit_mode=guided", '"guided": not a mode that px4-uuv can be left in; must be "man'),
+        (
+            "supervisor.exit_mode=offboard",
+            '"offboard": not a mode that px4-uuv can be left in; must be "hold',
+        ),
+        ("supervisor.exit_mode=guided", '"guided": not a mode that px4-uuv can be left in; must be "hold'),
     ],
 )
 def test_names_that_only_the_profile_knows_are_refused_in_their_place(setting: str, said: str) -> None:

@@ -101,23 +101,23 @@ class Walk:
 
     def change(self, name: str) -> None:
         """One thing is seen to change."""
-        manual, hold = mode(self.profile, "manual"), mode(self.profile, "hold")
+        acro, hold = mode(self.profile, "acro"), mode(self.profile, "hold")
         simple = {
             "arm": {"armed": True},
             "disarm": {"armed": False},
             "control mode": {"custom_mode": self.control, "intended_mode": self.control},
-            "other mode": {"custom_mode": manual, "intended_mode": manual},
+            "other mode": {"custom_mode": acro, "intended_mode": acro},
             "third mode": {"custom_mode": hold, "intended_mode": hold},
             "mode unknown": {"custom_mode": None, "intended_mode": None, "connected": False, "armed": None},
             "intend control": {"intended_mode": self.control},
-            "intend other": {"intended_mode": manual},
+            "intend other": {"intended_mode": acro},
             "intend unknown": {"intended_mode": None},
             "block": {"blocked": "blocked"},
             "unblock": {"blocked": None},
             "lose": {"connected": False},
             "find": {"connected": True},
             "silence": {"silent_s": 100.0},
-            "trip": {"trip": Trip("speed", "too fast", self.profile.mode("manual"))},
+            "trip": {"trip": Trip("speed", "too fast", self.profile.mode("acro"))},
             "trip to silence": {"trip": Trip("speed", "too fast", None)},
             "untrip": {"trip": None},
             "quiet": {"unheard_s": 100.0, "certain": False},

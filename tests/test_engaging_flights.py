@@ -86,7 +86,7 @@ def test_px4_armed_in_an_intended_offboard_is_left_alone_until_somebody_acts() -
             pilot.switch("hold")
             fly_until(flight, State.READY, 1.5)  # HEARTBEAT still says CRITICAL
             flight.run(10.0)  # neutral setpoints change nothing there, and auto is spent
-            assert (state_of(flight), flight.vehicle.mode) == (State.READY, "AUTO.LOITER")
+            assert (state_of(flight), flight.vehicle.mode) == (State.READY, "MANUAL")
             pilot.switch("control")
             fly_until_tracking(flight, 0.5)
         else:

@@ -20,9 +20,9 @@ from tests.engagement_bench import BOTH, PX4, ROVER, bench, mode, ways
 def test_a_mode_that_was_not_asked_for_hands_over_in_the_same_update(profile: Profile, state: State) -> None:
     it = bench(profile)
     it.reach(state)
-    changes = it.see(custom_mode=mode(profile, "manual"))
+    changes = it.see(custom_mode=mode(profile, "acro"))
     assert [change[1:] for change in changes] == [
-        (State.HANDED_OVER, Event.MODE_LEFT, "the mode was changed to manual")
+        (State.HANDED_OVER, Event.MODE_LEFT, "the mode was changed to acro")
     ]
     assert it.command() is None
 
@@ -72,7 +72,7 @@ def test_a_lost_link_hands_over_and_what_comes_back_in_control_is_withheld(
     ]
     it.see(connected=True, armed=True, custom_mode=control, intended_mode=control)
     assert it.state() is State.WITHHELD
-    it.see(custom_mode=mode(profile, "manual"), intended_mode=mode(profile, "manual"))
+    it.see(custom_mode=mode(profile, "acro"), intended_mode=mode(profile, "acro"))
     it.see(60.0, armed=False)
     assert it.state() is State.READY
     assert it.reason() == (
@@ -104,8 +104,8 @@ def test_after_a_hand_over_auto_waits_for_a_command_even_on_the_ground(profile: 
 def test_a_command_that_could_not_be_obeyed_in_time_does_not_bring_auto_back(profile: Profile) -> None:
     it = bench(profile, "auto", arm=True)
     it.reach_auto()
-    manual = mode(profile, "manual")
-    it.see(custom_mode=manual, intended_mode=manual, blocked="too far")
+    acro = mode(profile, "acro")
+    it.see(custom_mode=acro, intended_mode=acro, blocked="too far")
     assert it.engage() is None
     it.see()
     assert it.state() is State.CONNECTED
@@ -122,7 +122,7 @@ def test_a_command_that_was_overtaken_by_the_pilots_switch_does_not_act_later(pr
     assert it.engage() is None
     it.see(custom_mode=profile.control_mode.custom_mode)
     assert it.state() is State.TRACKING
-    it.see(custom_mode=mode(profile, "manual"), intended_mode=mode(profile, "manual"))
+    it.see(custom_mode=mode(profile, "acro"), intended_mode=mode(profile, "acro"))
     for _ in range(20):
         it.see()
         assert it.state() is State.HANDED_OVER
@@ -146,10 +146,10 @@ def test_a_command_is_forgotten_when_its_time_is_over_or_the_link_was_lost(profi
 @BOTH
 def test_found_armed_in_the_control_mode_it_is_silent_until_released_or_commanded(profile: Profile) -> None:
     control = profile.control_mode.custom_mode
-    manual = mode(profile, "manual")
+    acro = mode(profile, "acro")
     ends: list[tuple[dict[str, Any] | None, Event]] = [
         ({"armed": False}, Event.RELEASED),
-        ({"custom_mode": manual, "intended_mode": manual}, Event.RELEASED),
+        ({"custom_mode": acro, "intended_mode": acro}, Event.RELEASED),
         (None, Event.COMMANDED),
     ]
     for changed, event in ends:
@@ -191,7 +191,7 @@ def test_after_a_hand_over_the_rovers_pilot_may_switch_back_and_px4s_may_not() -
     for profile, after in [(ROVER, State.TRACKING), (PX4, State.HANDED_OVER)]:
         it = bench(profile, armed=True)
         it.reach(State.TRACKING)
-        it.see(custom_mode=mode(profile, "manual"))
+        it.see(custom_mode=mode(profile, "acro"))
         it.see(custom_mode=profile.control_mode.custom_mode)
         assert it.state() is after
 
@@ -209,7 +209,7 @@ def test_a_mode_command_that_acts_late_is_not_taken_for_the_pilots_switch() -> N
 
 @pytest.mark.parametrize("ending", ["taken over", "aborted"])
 def test_a_link_that_was_lost_meanwhile_makes_no_hand_over_in_flight_forgotten(ending: str) -> None:
-    control, hold, manual = PX4.control_mode.custom_mode, mode(PX4, "hold"), mode(PX4, "manual")
+    control, hold, acro = PX4.control_mode.custom_mode, mode(PX4, "hold"), mode(PX4, "acro")
     it = bench(PX4)
     it.reach(State.TRACKING)
     if ending == "aborted":
@@ -227,7 +227,7 @@ def test_a_link_that_was_lost_meanwhile_makes_no_hand_over_in_flight_forgotten(e
         assert it.reason().startswith("control was handed over, so no stream is offered")
     it.see(2.0, custom_mode=control)  # of somebody else's stream: this service has none
     assert it.state() is State.READY
-    it.see(custom_mode=manual, intended_mode=manual)
+    it.see(custom_mode=acro, intended_mode=acro)
     it.see(armed=False)
     assert (it.state(), it.streams()) == (State.READY, True)
     it.see(armed=True)
@@ -250,8 +250,8 @@ def test_a_command_offers_a_stream_again_after_a_hand_over_and_a_lost_link() -> 
 def test_handed_over_and_put_down_is_a_new_start(profile: Profile) -> None:
     it = bench(profile)
     it.reach(State.TRACKING)
-    it.see(custom_mode=mode(profile, "manual"), intended_mode=mode(profile, "manual"))
-    it.see(custom_mode=mode(profile, "manual"))
+    it.see(custom_mode=mode(profile, "acro"), intended_mode=mode(profile, "acro"))
+    it.see(custom_mode=mode(profile, "acro"))
     assert it.state() is State.HANDED_OVER
     it.see(armed=False)
     assert it.state() is State.HANDED_OVER  # for a while, so that nothing follows from the same glance
@@ -288,7 +288,7 @@ def test_leaving_ends_after_one_second_whatever_the_vehicle_does(profile: Profil
 @BOTH
 def test_backing_out_leaves_a_mode_that_somebody_else_chose_alone(profile: Profile) -> None:
     control, hold = profile.control_mode.custom_mode, profile.mode("hold")
-    it = bench(profile, armed=True, custom_mode=mode(profile, "manual"))
+    it = bench(profile, armed=True, custom_mode=mode(profile, "acro"))
     it.reach(State.SWITCHING)
     it.it.shutdown()
     it.see()
@@ -314,7 +314,7 @@ def test_shutdown_out_of_control_is_immediate(profile: Profile, state: State) ->
         it.reach(state)
     elif state is State.HANDED_OVER:
         it.reach(State.TRACKING)
-        it.see(custom_mode=mode(profile, "manual"))
+        it.see(custom_mode=mode(profile, "acro"))
     assert it.state() is state
     it.it.shutdown()
     assert ways(it.see()) == [(State.FINISHED, Event.SHUTDOWN)]

@@ -42,7 +42,7 @@ def test_hold_commands_the_mode_until_it_is_seen_and_then_nothing_more(profile: 
     for _ in range(100):
         assert it.see(1.0) == []
         assert it.command() is None
-    assert it.reason() == "hold is on: resume or abort"
+    assert it.reason() == f"{profile.mode_name(mode(profile, 'hold'))} is on: resume or abort"
     assert it.it.hold(it.now_ns[0]) is None
 
 
@@ -71,7 +71,7 @@ def test_a_hold_mode_that_is_never_seen_ends_in_silence(profile: Profile) -> Non
     assert it.see(PAUSE_S - 0.001) == []
     assert it.streams()
     assert ways(it.see(0.001)) == [(State.ABORTED, Event.STEP_TIMEOUT)]
-    assert it.reason() == "hold not confirmed within 3 s"
+    assert it.reason() == f"{profile.mode_name(mode(profile, 'hold'))} not confirmed within 3 s"
     assert not it.streams()
     it.see(armed=False)
     it.see(60.0)
@@ -122,7 +122,7 @@ def test_resume_waits_for_a_condition_and_is_given_up(profile: Profile) -> None:
 @BOTH
 @pytest.mark.parametrize(
     "seen",
-    [{"custom_mode": "manual"}, {"armed": False}, {"connected": False}],
+    [{"custom_mode": "acro"}, {"armed": False}, {"connected": False}],
     ids=["mode", "disarm", "lost"],
 )
 @pytest.mark.parametrize("state", [State.PAUSING, State.HOLDING, State.ABORTING, State.CANCELLING])
@@ -144,7 +144,7 @@ def test_the_pilot_wins_in_each_of_these_states_and_for_good(
     assert it.state() is state
     changed = {k: mode(profile, v) if k == "custom_mode" else v for k, v in seen.items()}
     assert it.see(**changed)[0].after is State.HANDED_OVER
-    it.see(connected=True, intended_mode=mode(profile, "manual"), custom_mode=mode(profile, "manual"))
+    it.see(connected=True, intended_mode=mode(profile, "acro"), custom_mode=mode(profile, "acro"))
     it.see(armed=False)
     for _ in range(100):
         it.see(1.0)
@@ -192,7 +192,9 @@ def test_abort_while_engaging_backs_out(profile: Profile, state: State) -> None:
     assert it.see(LEAVE_S - 0.001) == []
     assert ways(it.see(0.001)) == [(State.ABORTED, Event.LEFT)]
     assert it.reason() == (
-        "hold not confirmed within 1 s" if in_control else f"{profile.control_mode.name} is not on"
+        f"{profile.mode_name(mode(profile, 'hold'))} not confirmed within 1 s"
+        if in_control
+        else f"{profile.control_mode.name} is not on"
     )
 
 
@@ -226,7 +228,7 @@ def test_what_cannot_be_obeyed_is_refused_with_the_reason(profile: Profile) -> N
     assert it.it.resume(0) == "resume refused: ready: nothing is held"
     it = held(profile)
     assert it.engage() == "engage refused: holding: it has not ended: resume, or abort first"
-    it.see(custom_mode=mode(profile, "manual"))
+    it.see(custom_mode=mode(profile, "acro"))
     assert it.it.abort(0) == "abort refused: handed-over: the service has no control"
     it.it.shutdown()
     assert it.it.resume(0) == "resume refused: the service is shutting down"
@@ -234,7 +236,7 @@ def test_what_cannot_be_obeyed_is_refused_with_the_reason(profile: Profile) -> N
 
 @BOTH
 @pytest.mark.parametrize("state", [State.TRACKING, State.PAUSING])
-@pytest.mark.parametrize("name", ["manual", None])
+@pytest.mark.parametrize("name", ["acro", None])
 def test_a_guard_commands_its_mode_or_falls_silent(profile: Profile, state: State, name: str | None) -> None:
     it = bench(profile, "auto", arm=True)
     it.reach_auto()
@@ -250,8 +252,8 @@ def test_a_guard_commands_its_mode_or_falls_silent(profile: Profile, state: Stat
     assert changes[0].reason == "too fast"
     assert it.streams() is (name is not None)
     assert it.command() == wanted
-    manual = mode(profile, "manual")
-    it.see(custom_mode=manual, intended_mode=manual)
+    acro = mode(profile, "acro")
+    it.see(custom_mode=acro, intended_mode=acro)
     assert it.state() is State.ABORTED
     it.see(armed=False, trip=None)
     for _ in range(100):
@@ -264,7 +266,7 @@ def test_the_pilots_act_comes_before_a_guard_and_an_order(profile: Profile) -> N
     it = bench(profile)
     it.reach(State.TRACKING)
     it.it.abort(it.now_ns[0])
-    it.see(custom_mode=mode(profile, "manual"), trip=Trip("speed", "too fast", profile.mode("hold")))
+    it.see(custom_mode=mode(profile, "acro"), trip=Trip("speed", "too fast", profile.mode("hold")))
     assert it.state() is State.HANDED_OVER
     assert it.command() is None
 

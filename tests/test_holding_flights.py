@@ -92,7 +92,7 @@ def test_a_pilot_who_takes_over_on_the_way_to_hold_is_obeyed_with_the_message(
     flight.to_vehicle = DEAD  # the command never arrives
     order(flight, name)
     fly_until(flight, State.PAUSING if name == "hold" else State.ABORTING, 0.06)
-    pilot.switch("manual")
+    pilot.switch("acro")
     link = flight.guide.link
     before = link.custom_mode
     assert flight.run(0.9, until=lambda: link.custom_mode != before)
@@ -101,7 +101,7 @@ def test_a_pilot_who_takes_over_on_the_way_to_hold_is_obeyed_with_the_message(
     flight.to_vehicle = flight.to_vehicle._replace(loss=0.0)
     flight.run(20.0)
     assert setpoints_since(flight, shown_ns - 1) == []
-    assert flight.vehicle.mode in NAMES["manual"]
+    assert flight.vehicle.mode in NAMES["acro"]
 
 
 @BOTH
@@ -169,9 +169,9 @@ def test_a_mode_that_the_pilot_chose_while_the_link_was_silent_is_not_overruled(
     flight.run(0.4)
     order(flight, name)
     flight.run(0.4)
-    pilot.switch("manual")
+    pilot.switch("acro")
     flight.run(0.2)
     flight.to_guide = flight.to_vehicle = PERFECT
     flight.run(20.0)
-    assert flight.vehicle.mode in NAMES["manual"]
+    assert flight.vehicle.mode in NAMES["acro"]
     assert state_of(flight) in (State.HANDED_OVER, State.ABORTED)

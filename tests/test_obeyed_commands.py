@@ -123,7 +123,7 @@ def test_a_mode_that_was_intended_and_is_not_any_more_was_left() -> None:
     assert it.see(intended_mode=offboard) == []
     assert it.see(intended_mode=None) == []  # nobody says
     assert ways(it.see(intended_mode=hold)) == [(State.HANDED_OVER, Event.MODE_LEFT)]
-    assert it.reason() == "the mode was changed to hold"
+    assert it.reason() == "the mode was changed to manual"
 
 
 @FIRMWARE

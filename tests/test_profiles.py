@@ -161,7 +161,8 @@ def test_golden_bytes_of_the_neutral_setpoint(profile: Profile, mask: int) -> No
     [
         (UUV, "offboard", 6.0, 0.0, 393216),
         (UUV, "position", 3.0, 0.0, 196608),
-        (UUV, "hold", 4.0, 3.0, 50593792),
+        (UUV, "loiter", 4.0, 3.0, 50593792),
+        (PROFILES["px4-rover"], "hold", 4.0, 3.0, 50593792),
         (UUV, "takeoff", 4.0, 2.0, 33816576),
         (UUV, "return", 4.0, 5.0, 84148224),
         (UUV, "land", 4.0, 6.0, 100925440),
@@ -188,6 +189,7 @@ def test_golden_bytes_of_mode_commands(
 @pytest.mark.parametrize(
     ("name", "holds"),
     [
+        ("px4-uuv", "manual"),
         ("px4-copter", "hold"),
         ("ardupilot-rover", "hold"),
         ("ardupilot-plane", "loiter"),
@@ -301,7 +303,7 @@ def test_the_configuration_names_a_profile_and_a_mode_to_leave_to() -> None:
     for override, text in (
         ("vehicle.profile=zeppelin", f"must be {one_of(sorted(PROFILES))}"),
         ("supervisor.exit_mode=offboard", "not a mode that px4-uuv can be left in"),
-        ("supervisor.exit_mode=smart_rtl", 'must be "manual", "altitude"'),
+        ("supervisor.exit_mode=smart_rtl", 'must be "hold", "manual", "altitude"'),
     ):
         with pytest.raises(ConfigError, match=text):
             make_config(override)

@@ -309,7 +309,7 @@ def test_vehicle_and_service_started_by_hand_fly(tmp_path: Path) -> None:
         assert "tracking:" in said[-1], "".join(said)
         flying[1].send_signal(signal.SIGTERM)
         said = flying[1].communicate(timeout=20)[1].splitlines()
-        assert any("hold confirmed" in line for line in said)
+        assert any("manual confirmed" in line for line in said)
         assert flying[1].returncode == 0
         flying[0].terminate()
         flying[0].communicate(timeout=20)
@@ -325,7 +325,8 @@ def test_what_is_installed_on_the_vehicle_is_where_the_unit_looks_for_it(tmp_pat
     (started,) = re.findall(r"^ExecStart=(.*)", unit, re.MULTILINE)
     program, *_, config = shlex.split(started.replace("%E", "/etc").replace("%i", "uuv-1"))
     venv = program.removesuffix("/bin/guidance")
-    install, enable, status = (ON_THE_VEHICLE[i] for i in (1, 4, 5))
+    install, check, enable, status = (ON_THE_VEHICLE[i] for i in (1, 4, 5, 6))
+    assert check == f"sudo {program} check --config {config}"
     assert install == f"sudo python3 -m venv {venv} && sudo {venv}/bin/pip install -q ."
     assert (enable, status) == (
         "sudo systemctl enable --now guidance@uuv-1",

@@ -135,7 +135,7 @@ def test_a_flight_is_commanded_from_another_process(tmp_path: Path) -> None:
             assert await command("set", "law.k=0.5") == (0, "set accepted: law.k: 1.0 -> 0.5\n")
             assert await command("hold") == (0, "hold accepted\n")
             await service.says("holding: ")
-            assert vehicle.vehicle.mode == "AUTO.LOITER"
+            assert vehicle.vehicle.mode == "MANUAL"
             assert await command("shutdown") == (0, "shutdown accepted\n")
             assert await asyncio.wait_for(service.process.wait(), PATIENCE_S) == 0
             found = replay(service.log())
@@ -173,7 +173,7 @@ def test_sigterm_while_tracking_ends_as_soon_as_the_exit_mode_is_seen(tmp_path: 
             await service.says("tracking: ")
             assert await service.ended_after(signal.SIGTERM) < 1.0
             assert service.process.returncode == 0
-            await service.says("finished: hold confirmed")
+            await service.says("finished: manual confirmed")
 
     asyncio.run(main())
 
@@ -198,7 +198,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
             os.close(terminal)
             await asyncio.wait_for(service.process.wait(), PATIENCE_S)
             assert service.process.returncode == 0
-            assert vehicle.vehicle.mode == "AUTO.LOITER"
+            assert vehicle.vehicle.mode == "MANUAL"
         assert replay(service.log()).identical
 
     asyncio.run(main())

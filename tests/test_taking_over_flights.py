@@ -20,7 +20,7 @@ from tests.pilot import BOTH, DEAD, NAMES, PILOT, PX4, Pilot, S, silent_for, tra
 
 
 @BOTH
-@pytest.mark.parametrize("act", ["manual", "hold", "disarm"])
+@pytest.mark.parametrize("act", ["manual", "acro", "disarm"])
 def test_a_take_over_is_obeyed_with_the_message_that_shows_it(firmware: tuple[str, ...], act: str) -> None:
     flight, pilot = tracking(firmware)
     if act == "disarm":

@@ -14,8 +14,9 @@ import msgspec
 import pytest
 import zenoh
 
-from guidance.records import LOG_ONLY, RATES, TOPICS, Level, Record
+from guidance.records import LOG_ONLY, RATES, TOPICS, Level, Record, Setpoint
 from guidance.reporting import PERIODS_NS
+from guidance.supervisor import State
 from guidance.telemetry.schema import RECORDS
 from guidance.telemetry.zenoh_sink import ZenohSink
 from tests.helpers import make_flight
@@ -45,6 +46,16 @@ def test_every_record_and_field_is_told() -> None:
         for name in record.__struct_fields__:
             assert name == "t_ns" or f"\n| `{name}` | " in section, f"{topic}.{name}"
         assert (f"`guidance/<vehicle>/{topic}`" in TEXT) is (topic not in LOG_ONLY)
+
+
+def test_every_number_has_a_unit_and_every_state_is_named() -> None:
+    kind = r"(?:\d )?(?:object: name to |list: )?(?:integer|number)s?(?: or null)?"
+    numbers = re.findall(rf"(?m)^\| `(\w+)` \| {kind} \| ([^|]*)\|", TEXT)
+    assert len(numbers) > 90
+    assert {name for name, unit in numbers if not unit.strip()} == {"schema_version"}
+    status = TEXT.partition("\n### status\n")[2].partition("\n### ")[0]
+    said = status.partition("`state` is one of ")[2].partition("(")[0]
+    assert re.findall(r"`([a-z-]+)`", said) == [str(state) for state in State]
 
 
 class Sample(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -78,7 +89,9 @@ def test_types_units_frames_and_what_is_left_out_are_read_from_the_type() -> Non
         ("drag_per_s", "1/s"),
         ("sent_bytes_per_s", "bytes/s"),
         ("rate_hz", "Hz"),
-        ("resets", ""),
+        ("resets", "count"),
+        ("v1", "m^2/s"),
+        ("thrust", "1"),
         ("streams", ""),
     ],
 )
@@ -96,12 +109,14 @@ def test_a_frame_is_a_part_of_a_name() -> None:
 def test_rates_are_those_of_a_flight() -> None:
     """Whatever has a rate in Hz comes so often, and the handling's records only of their vehicles."""
     assert RATES.keys() == TOPICS.keys()
+    lockstep = make_flight()
     told = {TOPICS[record]: re.findall(r"(\d+) Hz", words) for record, words in RATES.items()}
+    asked_for = told.pop(TOPICS[Setpoint])
+    assert [float(hz) for hz in asked_for] == [lockstep.guide.config.link.rate_hz]
     assert {topic: float(hz) for topic, rates in told.items() for hz in rates} == {
         name: 1e9 / period_ns for name, period_ns in PERIODS_NS.items()
     }
     seen: Counter[str] = Counter()
-    lockstep = make_flight()
     lockstep.run(10.0, until=lambda: lockstep.guide.tracker.start_ns is not None)
     lockstep.on_record = lambda record: seen.update([TOPICS[type(record)]])
     lockstep.run(10.0)

@@ -158,7 +158,15 @@ def test_a_mode_commanded_during_the_failsafe_ends_the_intention() -> None:
 
 @pytest.mark.parametrize(
     ("action", "mode"),
-    [(0, "POSCTL"), (1, "ALTCTL"), (2, "MANUAL"), (3, "AUTO.RTL"), (4, "AUTO.LAND"), (5, "AUTO.LOITER")],
+    [
+        (0, "POSCTL"),
+        (1, "ALTCTL"),
+        (2, "STABILIZED"),
+        (3, "AUTO.RTL"),
+        (4, "AUTO.LAND"),
+        (5, "AUTO.LOITER"),
+        (6, "MANUAL"),
+    ],
 )
 def test_com_obl_rc_act_names_the_failsafe(action: int, mode: str) -> None:
     peer = px4_in_offboard(parameters={"COM_OBL_RC_ACT": action})

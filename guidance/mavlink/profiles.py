@@ -200,6 +200,8 @@ def _px4(
     takes_rates: bool = False,
     rates_requirements: tuple[Requirement, ...] = (),
     older: Older | None = None,
+    modes: tuple[Mode, ...] = PX4_MODES,
+    holding: str = "hold",
 ) -> Profile:
     """A row of PX4: the firmware's manners are those of every vehicle."""
     return Profile(
@@ -214,8 +216,8 @@ def _px4(
         thrust_min=thrust[0],
         thrust_max=thrust[1],
         control_mode=next(mode for mode in PX4_MODES if mode.name == "offboard"),
-        modes=PX4_MODES,
-        holding="hold",
+        modes=modes,
+        holding=holding,
         needs_stream=True,
         stream_timeout_s=1.0,  # COM_OF_LOSS_T
         on_timeout="COM_OBL_RC_ACT (default: position mode); the intended mode stays offboard",
@@ -281,6 +283,12 @@ def _ardupilot(
     )
 
 
+#: "hold" of an underwater vehicle is MANUAL: PX4 before 1.17 goes on with the last attitude and thrust in all
+#: its automatic modes and with the last output in the other modes by hand (`uuv_att_control.cpp`; nothing
+#: starts `uuv_pos_control`), and only MANUAL, with sticks at neutral, gives the thrusters nothing in every
+#: version. PX4's own Hold, which since 1.17 keeps the place, is "loiter" here.
+_UUV_MODES: Final = tuple(mode._replace(name="loiter") if mode.name == "hold" else mode for mode in PX4_MODES)
+
 PROFILES: Final[dict[str, Profile]] = {
     profile.name: profile
     for profile in (
@@ -292,6 +300,8 @@ PROFILES: Final[dict[str, Profile]] = {
             _IGNORE_ATTITUDE,  # PX4 takes the rates when roll and pitch rate are both unmasked
             PX4_UUV,
             older=Older(_PX4_UUV_BY_RATES, Asked.ATTITUDE_RATES_SPEED, 0),
+            modes=_UUV_MODES,
+            holding="manual",
         ),
         _px4(
             "px4-plane",

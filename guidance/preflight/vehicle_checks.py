@@ -9,7 +9,7 @@ from typing import Final
 from pymavlink.dialects.v20 import all as dialect
 
 from guidance.abilities import NEEDS, Bound
-from guidance.cautions import about_sticks
+from guidance.cautions import about_sticks, about_stopping
 from guidance.mavlink import requirements
 from guidance.mavlink.report import enum_name
 from guidance.mavlink.requirements import Grade, Requirement
@@ -120,7 +120,10 @@ def parameters(seen: Seen) -> Iterator[Finding]:
         found = judged(row, seen)
         if found.verdict is not Verdict.OK or not row.quiet:
             yield found
-    for caution in about_sticks(observation.profile, reader.values, observation.health):
+    for caution in (
+        *about_sticks(observation.profile, reader.values, observation.health),
+        *about_stopping(observation.profile, reader.values, observation.link.version),
+    ):
         yield warn(caution.about, caution.text, "fly all the same if that is meant")
     unfit = observation.unfit() if reader.complete else None
     if unfit is not None:

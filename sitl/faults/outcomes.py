@@ -15,7 +15,7 @@ BOTH: Final = (PX4, ROVER)
 
 #: Where control is given up after a silence: PX4's failsafe acts, ArduRover stops where it is.
 LEFT_ALONE: Final = {PX4: frozenset({"POSCTL"}), ROVER: frozenset({"GUIDED"})}
-HELD: Final = {PX4: frozenset({"AUTO.LOITER"}), ROVER: frozenset({"HOLD"})}
+HELD: Final = {PX4: frozenset({"MANUAL"}), ROVER: frozenset({"HOLD"})}
 CONTROL: Final = {PX4: frozenset({"OFFBOARD"}), ROVER: frozenset({"GUIDED"})}
 #: What may be told of any gap or silence, short or long.
 SILENCE: Final = frozenset({"silent", "setpoint_gap", "rate_fell"})

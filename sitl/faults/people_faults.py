@@ -14,7 +14,7 @@ from sitl.vehicle import Firmware
 
 _MANUAL: Final = frozenset({"MANUAL"})
 #: In the profile's words and in the firmware's: not the mode that the vehicle starts in.
-_OTHER: Final = {PX4: ("manual", "MANUAL"), ROVER: ("hold", "HOLD")}
+_OTHER: Final = {PX4: ("acro", "ACRO"), ROVER: ("hold", "HOLD")}
 #: Where the service asks for the hold mode itself, or did.
 _COMMANDED: Final = LEAVING | {State.HOLDING, State.FINISHED}
 _SHOWN_S: Final = {PX4: 0.55, ROVER: 0.02}

@@ -269,7 +269,7 @@ def _autopilot(firmware: Firmware) -> list[Fault]:
 
 #: A mode that the service asks for in no state.
 _PILOTS: Final = {
-    Firmware.PX4_UUV: "manual",
+    Firmware.PX4_UUV: "acro",
     Firmware.PX4_PLANE: "stabilized",
     Firmware.PX4_COPTER: "position",
     Firmware.PX4_ROVER: "manual",

@@ -57,6 +57,8 @@ class Px4(Autopilot):
     """Of SYS_STATUS: present, enabled, healthy before and after the estimator is ready, as recorded."""
     standard_modes: ClassVar[Mapping[int, int]] = {}
     """custom_mode -> MAV_STANDARD_MODE, beyond those of every vehicle."""
+    loss_modes: ClassVar[Mapping[int, int]] = LOSS_MODES
+    """COM_OBL_RC_ACT -> the mode that the loss of OFFBOARD leads to."""
     finds_wind: ClassVar[bool] = False
     integers_bytewise: ClassVar = True
     batches_datagrams: ClassVar = False
@@ -177,7 +179,7 @@ class Px4(Autopilot):
             self.failsafe = True
             self.text(2, "Failsafe activated")
             action = round(self.parameters["COM_OBL_RC_ACT"])
-            self.fly(LOSS_MODES.get(action, LOITER))
+            self.fly(self.loss_modes.get(action, LOITER))
             if action == 7:
                 self.disarm(forced=True)
         elif self.failsafe and not lost:

@@ -28,6 +28,7 @@ COMMON: Final = {
     "SYS_AUTOCONFIG": Parameter(0, INT32),
 }
 UUV: Final = {
+    "COM_RCL_EXCEPT": Parameter(0, INT32),
     "COM_RC_IN_MODE": Parameter(1, INT32),
     "MAV_TYPE": Parameter(12, INT32),
     "SYS_AUTOSTART": Parameter(60000, INT32),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from guidance.record import Record, Triple
+from guidance.record import Int64, Record, Triple
 
 
 class GroundHandling(Record, frozen=True, kw_only=True, gc=False):
@@ -73,7 +73,7 @@ class Stepping(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     into_s: float
     channel: str = ""
     measured: float = 0.0
-    measured_ns: int = 0
+    measured_ns: Int64 = 0
     push: float = 0.0
     blind: bool = False
 

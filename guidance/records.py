@@ -17,6 +17,7 @@ from guidance.handling_records import AirplaneHandling as AirplaneHandling
 from guidance.handling_records import GroundHandling as GroundHandling
 from guidance.handling_records import Stepping as Stepping
 from guidance.handling_records import VelocityHandling as VelocityHandling
+from guidance.record import Int64 as Int64
 from guidance.record import Record as Record
 from guidance.record import Triple as Triple
 from guidance.record import Wxyz as Wxyz
@@ -46,7 +47,7 @@ class Input(Record, frozen=True, kw_only=True, gc=False):
     not made with our key, so that a replay needs no key.
     """
 
-    seq: int
+    seq: Int64
     kind: InputKind
     data: bytes = b""
     text: str = ""
@@ -55,7 +56,7 @@ class Input(Record, frozen=True, kw_only=True, gc=False):
 class Packet(Record, frozen=True, kw_only=True, gc=False):
     """One MAVLink packet handed to the link, and the input after which it was."""
 
-    input_seq: int
+    input_seq: Int64
     data: bytes
 
 
@@ -66,12 +67,12 @@ class Session(Record, frozen=True, kw_only=True):
     configuration.
     """
 
-    schema_version: int
+    schema_version: Int64
     session_id: str
     guidance_version: str
     vehicle: str
     profile: str
-    unix_offset_ns: int
+    unix_offset_ns: Int64
     config_json: str
 
 
@@ -93,8 +94,8 @@ class State(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     predicted_s: float
     attitude_source: str
     position_source: str
-    vehicle_time_ms: int
-    resets: int = 0
+    vehicle_time_ms: Int64
+    resets: Int64 = 0
     source_offset_m: float = 0.0
     measured_body_rates_frd_rad_s: Triple = (0.0, 0.0, 0.0)
 
@@ -123,7 +124,7 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     one. `type_mask` is the message's: which of its fields count; logs from before it was kept have none.
     """
 
-    seq: int
+    seq: Int64
     neutral: bool
     body_rates_frd_rad_s: Triple
     speed_m_s: float
@@ -134,7 +135,7 @@ class Setpoint(Record, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     singular: bool
     attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)
     velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
-    type_mask: int | None = None
+    type_mask: Int64 | None = None
 
 
 class TrackingError(Record, frozen=True, kw_only=True, gc=False):
@@ -171,13 +172,13 @@ class Status(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     state: str
     reason: str
-    since_ns: int
+    since_ns: Int64
     armed: bool | None
     mode: str
     intended_mode: str
-    trajectory_start_ns: int | None
+    trajectory_start_ns: Int64 | None
     origin_ned_m: Triple | None
-    setpoints_sent: int
+    setpoints_sent: Int64
     allocation: str = "pitch-yaw"
     cautions: tuple[str, ...] = ()
     trajectory_json: str = ""
@@ -197,7 +198,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
     alive: bool
     at_rate: bool
     valid: bool
-    rejected: int
+    rejected: Int64
     insisted: bool = True
 
 
@@ -218,15 +219,15 @@ class Link(Record, frozen=True, kw_only=True):
     vehicle_type: str
     autopilot_version: str
     autopilot_uid: str
-    received: int
-    lost: int
-    reboots: int
+    received: Int64
+    lost: Int64
+    reboots: Int64
     round_trip_s: float | None
     uplink_age_s: float | None
-    clock_offset_ns: int | None
+    clock_offset_ns: Int64 | None
     clock_drift_ppm: float | None
     streams: tuple[StreamStatus, ...]
-    counters: dict[str, int]
+    counters: dict[str, Int64]
     transport: str = ""
     received_bytes_per_s: float = 0.0
     sent_bytes_per_s: float = 0.0
@@ -256,14 +257,14 @@ class Timing(Record, frozen=True, kw_only=True):
     the last count has no upper edge. All figures are since the start of the run.
     """
 
-    ticks: int
+    ticks: Int64
     lateness_edges_s: tuple[float, ...]
-    lateness_counts: tuple[int, ...]
+    lateness_counts: tuple[Int64, ...]
     lateness_max_s: float
     setpoint_gap_max_s: float
     setpoint_rate_hz: float
-    dropped_records: int
-    dropped_packets: int = 0
+    dropped_records: Int64
+    dropped_packets: Int64 = 0
 
 
 class Level(StrEnum):
@@ -302,7 +303,7 @@ class Answer(Record, frozen=True, kw_only=True):
 class Lost(Record, frozen=True, kw_only=True):
     """The recorder had to drop `count` records since the last mark, because the disk did not keep up."""
 
-    count: int
+    count: Int64
 
 
 #: Topic of each record; the key expression is `guidance/<vehicle>/<topic>`, the MCAP topic `/<topic>`.

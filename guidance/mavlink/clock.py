@@ -19,6 +19,8 @@ from typing import Final
 SYNCED_AFTER: Final = 3
 #: Answers slower than this say nothing useful.
 ROUND_TRIP_MAX_S: Final = 0.5
+#: 146 years: an autopilot counts from its start or, at most, from 1970. By more no offset is told in 64 bits.
+VEHICLE_NS_MAX: Final = 1 << 62
 #: More than this is no slip of a running clock.
 SLIP_MAX_S: Final = 0.02
 #: This many answers in a row that contradict the filter and agree with each other mean a clock set anew.
@@ -91,7 +93,7 @@ class ClockFilter:
     def update(self, asked_ns: int, vehicle_ns: int, now_ns: int) -> bool:
         """Take an answer to the question sent at `asked_ns`; False if it was not believed."""
         round_trip_ns = now_ns - asked_ns
-        if not 0 <= round_trip_ns <= ROUND_TRIP_MAX_S * 1e9:
+        if not 0 <= round_trip_ns <= ROUND_TRIP_MAX_S * 1e9 or abs(vehicle_ns) > VEHICLE_NS_MAX:
             self.rejected += 1
             return False
         self._round_trips_ns.append(round_trip_ns)

@@ -23,6 +23,7 @@ from guidance.records import (
     Event,
     GroundHandling,
     Input,
+    Int64,
     Link,
     Lost,
     Parameters,
@@ -136,7 +137,7 @@ def read_flight(path: Path, passed: Passed | None = None) -> Flight:
 
 
 class _Instant(msgspec.Struct):
-    t_ns: int
+    t_ns: Int64
 
 
 class _Told:

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from guidance.records import Event, Level, Link, Record, Session, Setpoint, State, Status, TrackingError
 from guidance.telemetry.arrivals import VEHICLES_MAX, Arrival, Heard, Ignored, Presence
 
-#: `status` comes at 5 Hz. With a look every 0.2 s, a vehicle that falls silent looks so within a second.
+#: `status` comes at 5 Hz. Who looks every 0.2 s or oftener sees within a second that a vehicle fell silent.
 SILENT_NS: Final = 700_000_000
 #: Records of every setpoint are shown while they are younger; those at 2 Hz have three periods.
 _FRESH_NS: Final = 1_000_000_000
@@ -89,7 +89,8 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
 class Note(NamedTuple):
     """Something that happened: an event of a vehicle, or what was noticed of it here.
 
-    `unix_ns` is None where the vehicle's offset to Unix time is not known; `number` counts the notes.
+    It happened at `at_ns` of the clock here, by which all vehicles' notes have one order, however wrong their
+    own clocks are; None until the vehicle's instants are known by it. `number` counts the notes.
     """
 
     number: int
@@ -98,7 +99,12 @@ class Note(NamedTuple):
     text: str
     arrived_ns: int
     t_ns: int | None = None
-    unix_ns: int | None = None
+    at_ns: int | None = None
+
+    @property
+    def when_ns(self) -> int:
+        """When it happened, by the clock here, as far as that is known: else when it came."""
+        return self.arrived_ns if self.at_ns is None else self.at_ns
 
 
 class _Vehicle:
@@ -109,6 +115,7 @@ class _Vehicle:
         self.contact: Contact | None = None  # at the last look or arrival
         self.heard_ns = 0
         self.here = False
+        self.offset_ns: int | None = None  # from its instants to those of arrival
         self._left_ns: int | None = None
         self._newest: dict[type[Record], tuple[int, Record]] = {}
         self._versions: dict[int, int] = {}  # and when a record in it came last
@@ -116,8 +123,9 @@ class _Vehicle:
         self._went_back_ns: deque[int] = deque(maxlen=2)
 
     def leave(self, now_ns: int) -> None:
-        """Its token was withdrawn."""
+        """Its token was withdrawn; what comes back under its name may have another clock."""
         self.here, self._left_ns, self.contact = False, now_ns, Contact.GONE
+        self.offset_ns = None
 
     def judge(self, now_ns: int) -> Contact:
         """How it is heard; what comes after the token was withdrawn proves that it is not gone."""
@@ -282,15 +290,16 @@ class Fleet:
         if not vehicle.take(heard):
             return
         if isinstance(record, Session):
-            self._date_notes(vehicle, record.unix_offset_ns)
             if session is not None and session.session_id != record.session_id:
                 text = f"a new run began: {record.session_id[:8]}, guidance {record.guidance_version}"
                 self._note(vehicle, Level.NOTICE, text, heard.arrived_ns)
         elif isinstance(record, Event):
             self._note(vehicle, record.level, record.text, heard.arrived_ns, record.t_ns)
-        elif isinstance(record, Status) and vehicle.doubled(heard.arrived_ns) and not was_doubled:
-            text = "two services publish under this name: change vehicle.name of one"
-            self._note(vehicle, Level.ERROR, text, heard.arrived_ns)
+        elif isinstance(record, Status):
+            self._set_clock(vehicle, heard)
+            if vehicle.doubled(heard.arrived_ns) and not was_doubled:
+                text = "two services publish under this name: change vehicle.name of one"
+                self._note(vehicle, Level.ERROR, text, heard.arrived_ns)
 
     def _take_ignored(self, ignored: Ignored) -> None:
         key = (ignored.vehicle, ignored.what)
@@ -331,13 +340,23 @@ class Fleet:
     def _note(
         self, vehicle: _Vehicle, level: Level, text: str, arrived_ns: int, t_ns: int | None = None
     ) -> None:
-        session = vehicle.last(Session)
-        unix_ns = None if session is None or t_ns is None else t_ns + session.unix_offset_ns
         self._noted += 1
-        self._notes.append(Note(self._noted, vehicle.name, level, text, arrived_ns, t_ns, unix_ns))
+        note = Note(self._noted, vehicle.name, level, text, arrived_ns, t_ns)
+        self._notes.append(_dated(note, vehicle.offset_ns))
 
-    def _date_notes(self, vehicle: _Vehicle, unix_offset_ns: int) -> None:
-        """The answers to one query come in any order: an event may have come before its session."""
-        for i, note in enumerate(self._notes):
-            if note.vehicle == vehicle.name and note.unix_ns is None and note.t_ns is not None:
-                self._notes[i] = note._replace(unix_ns=note.t_ns + unix_offset_ns)
+    def _set_clock(self, vehicle: _Vehicle, heard: Heard) -> None:
+        """The status, which comes 5 times a second, says what time it is there; an answered one is as young."""
+        first = vehicle.offset_ns is None
+        if first or not heard.answered:
+            vehicle.offset_ns = heard.arrived_ns - heard.record.t_ns
+        if first:  # the answers to one query come in any order: an event may have come before
+            for i, note in enumerate(self._notes):
+                if note.vehicle == vehicle.name and note.at_ns is None:
+                    self._notes[i] = _dated(note, vehicle.offset_ns)
+
+
+def _dated(note: Note, offset_ns: int | None) -> Note:
+    """What its vehicle told of happened before it came."""
+    if offset_ns is None or note.t_ns is None:
+        return note
+    return note._replace(at_ns=min(note.t_ns + offset_ns, note.arrived_ns))

@@ -193,7 +193,7 @@ def _as_json(now_s: float, seen: Seen, notes: Sequence[Note], fleet: Fleet) -> d
         **msgspec.structs.asdict(seen),
         "events": [
             {
-                "unix_s": (note.arrived_ns + offset_ns if note.unix_ns is None else note.unix_ns) * 1e-9,
+                "unix_s": (note.when_ns + offset_ns) * 1e-9,
                 "level": note.level,
                 "text": note.text,
             }

@@ -105,9 +105,8 @@ def explanation(seen: Seen) -> str:
 
 
 def clock(note: Note, unix_offset_ns: int) -> str:
-    """Local time of a note by its vehicle's clock, else by ours: Unix time less monotonic is the offset."""
-    unix_ns = note.arrived_ns + unix_offset_ns if note.unix_ns is None else note.unix_ns
-    return time.strftime("%H:%M:%S", time.localtime(unix_ns // 1_000_000_000))
+    """Local time of a note by the clock here: Unix time less monotonic is the offset."""
+    return time.strftime("%H:%M:%S", time.localtime((note.when_ns + unix_offset_ns) // 1_000_000_000))
 
 
 def line(seen: Seen) -> str:

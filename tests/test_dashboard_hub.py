@@ -214,13 +214,13 @@ def test_a_fence_that_cannot_be_drawn_is_told_nevertheless(guards: dict[str, Any
 
 def test_the_fleet_is_told_with_notes_by_their_time_and_all_that_was_ignored() -> None:
     flown = Flown()
-    flown.turn(*flown.heard(session("aa"), event(9 * S, "later"), event(3 * S, "earlier")))
+    flown.turn(*flown.heard(status(10 * S), event(9 * S, "later"), event(3 * S, "earlier")))
     garbage = read(flown.now_ns, "guidance/uuv-1/state", "application/json;guidance.State/1", b"\xff")
     other = read(flown.now_ns, "guidance/uuv-2/state", "application/json;guidance.State/7", b"{}")
     flown.turn(garbage, other, Ignored(flown.now_ns, "x" * 900, "no name of a vehicle"))
     said = json.loads(msgspec.json.encode(fleet_told(flown.hub.fleet, flown.hub.seen, "", 2, 0)))
     assert [note["text"] for note in said["notes"]] == ["earlier", "later"]
-    assert said["notes"][0]["unix_s"] == (3 * S + UNIX_OFFSET_NS) / S
+    assert said["notes"][0]["unix_s"] == T0 / S - 7
     assert [kind["what"] for kind in said["ignored"]] == [
         "garbage",
         "schema version 7",
@@ -230,10 +230,26 @@ def test_the_fleet_is_told_with_notes_by_their_time_and_all_that_was_ignored() -
     assert said["neighbours"] == 2
 
 
+@pytest.mark.parametrize("clock_s", [-3600, 0, 3600], ids=["1 h behind", "right", "1 h ahead"])
+@pytest.mark.parametrize("began_s", [UNIX_OFFSET_NS // S, 0], ids=["dated", "1970"])
+def test_notes_have_one_order_whatever_a_vehicles_clock_says(clock_s: int, began_s: int) -> None:
+    """A companion without a battery: its events are as new as they are, beside those noticed here."""
+    flown = Flown()
+    wrong = replace(session("aa"), unix_offset_ns=(began_s + clock_s) * S)
+    flown.turn(*flown.heard(wrong, status(7 * S), event(6 * S, "first")))
+    while flown.hub.seen[0].contact == "live":
+        flown.turn()
+    flown.turn(*flown.heard(status(9 * S), event(9 * S, "NEWEST of all")))
+    said: Any = fleet_told(flown.hub.fleet, flown.hub.seen, "", 1, UNIX_OFFSET_NS)
+    texts = [note["text"].partition(" ")[0] for note in said["notes"]]
+    assert texts == ["first", "silent:", "heard", "NEWEST"]
+    assert said["notes"][0]["unix_s"] == (T0 - S + UNIX_OFFSET_NS) / S
+    assert said["notes"][-1]["unix_s"] == pytest.approx((flown.now_ns + UNIX_OFFSET_NS) / S, abs=0.06)
+
+
 def test_a_strangers_instants_and_texts_are_cut_to_size() -> None:
     flown = Flown()
-    odd = replace(session("aa"), unix_offset_ns=1 << 63)
-    flown.turn(*flown.heard(odd, event((1 << 63) - 1, "x" * 100_000)))
+    flown.turn(*flown.heard(status((1 << 63) - 1), event(1 - (1 << 63), "x" * 100_000)))
     first: Any = fleet_told(flown.hub.fleet, flown.hub.seen, "", 0, 0)
     assert [note["unix_s"] for note in first["notes"]] == [0.0]
     flown.turn(*flown.heard(*(event(k, str(k)) for k in range(300))))

@@ -9,7 +9,7 @@ import pytest
 
 from guidance.fleet import SILENT_NS, Contact, Source
 from guidance.records import Level, Status
-from tests.fleet_rig import MS, UNIX_OFFSET_NS, S, Sky, error, event, link, session, setpoint, state, status
+from tests.fleet_rig import MS, S, Sky, error, event, link, session, setpoint, state, status
 
 LOOK_NS = 200 * MS  # between looks of `guidance watch`
 TURN_NS = 50 * MS  # how late an arrival may be noted
@@ -122,13 +122,14 @@ def test_answers_to_a_late_joiner_tell_what_was_said_but_are_no_young_figures() 
     sky.token(T0, "uuv-1", here=True)
     old = (error(0, 1.0), setpoint(0, 5), state(0), link(0), event(3 * S, "engaged"), session("aa"))
     sky.say(T0, "uuv-1", *old, answered=True)
-    sky.say(T0, "uuv-1", status(T0, state="ready", reason="waiting for the pilot"))
+    assert sky.fleet.notes[0].when_ns == T0  # nobody knows yet
+    sky.say(T0, "uuv-1", status(3600 * S, state="ready", reason="waiting for the pilot"))
     seen = sky.look(T0, "uuv-1")
     assert (seen.state, seen.session_id) == ("ready", "aa")
     assert (seen.error_m, seen.setpoint_rate_hz, seen.attitude, seen.lost) == (None,) * 4
     (note,) = sky.fleet.notes
     assert note.text == "engaged"
-    assert note.unix_ns == 3 * S + UNIX_OFFSET_NS  # though the session came after it
+    assert note.when_ns == T0 - 3597 * S  # though the status came after it
 
 
 def test_an_answer_never_replaces_what_is_newer_nor_tells_an_event_twice() -> None:
@@ -208,12 +209,34 @@ def test_garbage_is_counted_and_makes_no_vehicle() -> None:
     }
 
 
-def test_notes_carry_the_time_of_their_vehicle_and_their_level() -> None:
+def test_notes_carry_the_time_here_at_which_they_happened_and_their_level() -> None:
     sky = Sky()
-    sky.say(T0, "uuv-1", event(7 * S, "early"), session("aa"), event(8 * S, "late", Level.WARNING))
+    sky.say(T0, "uuv-1", event(7 * S, "early"), status(9 * S), event(8 * S, "late", Level.WARNING))
     early, late = sky.fleet.notes
-    assert (early.unix_ns, late.unix_ns) == (7 * S + UNIX_OFFSET_NS, 8 * S + UNIX_OFFSET_NS)
+    assert (early.when_ns, late.when_ns) == (T0 - 2 * S, T0 - S)
     assert (late.level, late.number) == (Level.WARNING, early.number + 1)
+    sky.say(T0 + S, "uuv-1", event(11 * S, "ahead of its status"))
+    assert sky.fleet.notes[-1].when_ns == T0 + S  # nothing comes before it happens
+
+
+def test_an_answered_status_tells_the_time_until_one_is_published() -> None:
+    sky = Sky()
+    sky.say(T0, "uuv-1", event(7 * S, "x"), status(9 * S), answered=True)
+    assert [note.when_ns for note in sky.fleet.notes] == [T0 - 2 * S]
+    sky.say(T0 + 2 * S, "uuv-1", status(12 * S), event(12 * S, "y"))
+    assert sky.fleet.notes[-1].when_ns == T0 + 2 * S
+
+
+def test_who_comes_back_after_a_reboot_has_another_clock() -> None:
+    sky = Sky()
+    sky.token(T0, "uuv-1", here=True)
+    sky.say(T0, "uuv-1", status(9000 * S))
+    sky.token(T0 + S, "uuv-1", here=False)
+    sky.token(T0 + 60 * S, "uuv-1", here=True)
+    sky.fleet.recall("uuv-1", [event(5 * S, "booted")], T0 + 61 * S)
+    sky.say(T0 + 61 * S, "uuv-1", status(8 * S))
+    (booted,) = (note for note in sky.fleet.notes if note.text == "booted")
+    assert booted.when_ns == T0 + 58 * S
 
 
 def test_the_setpoint_rate_counts_what_was_sent_not_what_arrived() -> None:

@@ -84,12 +84,12 @@ def takes_orders(fleet: Fleet, watched: Watched, vehicle: str) -> bool:
 def fleet_told(
     fleet: Fleet, seen: Sequence[Seen], trouble: str, neighbours: int, unix_offset_ns: int
 ) -> dict[str, object]:
-    """The fleet at a glance, the newest notes by their time, and what was ignored."""
-    notes = sorted((_note(note, unix_offset_ns) for note in list(fleet.notes)[-2 * NOTES_MAX :]), key=_when)
+    """The fleet at a glance, the newest notes by their time on the clock here, and what was ignored."""
+    notes = sorted(fleet.notes, key=lambda note: (note.when_ns, note.number))[-NOTES_MAX:]
     return {
         "kind": "fleet",
         "fleet": seen,
-        "notes": notes[-NOTES_MAX:],
+        "notes": [_note(note, unix_offset_ns) for note in notes],
         "ignored": [
             {"vehicle": vehicle, "what": what, "count": count, "detail": detail[:200]}
             for (vehicle, what), (count, detail) in list(fleet.ignored.items())[:IGNORED_MAX]
@@ -100,7 +100,7 @@ def fleet_told(
 
 
 def _note(note: Note, unix_offset_ns: int) -> dict[str, object]:
-    unix_ns = note.arrived_ns + unix_offset_ns if note.unix_ns is None else note.unix_ns
+    unix_ns = note.when_ns + unix_offset_ns
     return {
         "number": note.number,
         "vehicle": note.vehicle,
@@ -109,10 +109,6 @@ def _note(note: Note, unix_offset_ns: int) -> dict[str, object]:
         # A stranger's record may hold any number; a page can date until the year 275760.
         "unix_s": unix_ns / 1_000_000_000 if abs(unix_ns) < 1 << 62 else 0.0,
     }
-
-
-def _when(note: Mapping[str, Any]) -> tuple[float, int]:
-    return note["unix_s"], note["number"]
 
 
 def told(fleet: Fleet, watched: Watched, vehicle: str, now_ns: int) -> dict[str, object]:

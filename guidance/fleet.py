@@ -345,7 +345,7 @@ class Fleet:
         self._notes.append(_dated(note, vehicle.offset_ns))
 
     def _set_clock(self, vehicle: _Vehicle, heard: Heard) -> None:
-        """The status, which comes 5 times a second, says what time it is there; an answered one is as young."""
+        """The status, 5 times a second, says what time it is there; an answered one is hardly older."""
         first = vehicle.offset_ns is None
         if first or not heard.answered:
             vehicle.offset_ns = heard.arrived_ns - heard.record.t_ns

@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from typing import Final
 
+from guidance.journal import tell
 from guidance.noted_signals import noted_signals
-from guidance.records import Session
+from guidance.records import Level, Session
 from guidance.telemetry.arrivals import VEHICLE, Heard, Ignored, Presence
 from guidance.telemetry.foxglove_bridge import Bridge
 from guidance.telemetry.foxglove_bridge import BridgeError as BridgeError  # raised here, so found here
@@ -39,7 +40,8 @@ def bridge(*, connect: Sequence[str], listen: Sequence[str], host: str, port: in
     connect = DEFAULT_CONNECT if nowhere else connect
     config = zenoh_config(connect=connect, listen=listen, multicast_scouting=nowhere)
     with noted_signals() as noted, closing(Bridge(host, port, vehicle)) as server:
-        _say(f"Foxglove WebSocket at ws://{host}:{server.port}: open a connection to it in the viewer")
+        where = f"ws://{host}:{server.port}"
+        _say(Level.INFO, f"Foxglove WebSocket at {where}: open a connection to it in the viewer")
         subscriber = Subscriber(config, vehicle or "*")
         subscriber.start()
 
@@ -56,7 +58,10 @@ def bridge(*, connect: Sequence[str], listen: Sequence[str], host: str, port: in
 
 
 def serve(
-    subscriber: Subscriber, server: Bridge, say: Callable[[str], None], stopping: Callable[[float], bool]
+    subscriber: Subscriber,
+    server: Bridge,
+    say: Callable[[Level, str], None],
+    stopping: Callable[[float], bool],
 ) -> None:
     """What arrives is shown, until `stopping(TURN_S)`, which waits between turns, is true."""
     said: set[str] = set()
@@ -68,17 +73,18 @@ def serve(
                 if not arrival.answered or isinstance(arrival.record, Session):
                     server.take(arrival.vehicle, arrival.record)
             elif isinstance(arrival, Presence):
-                say(f"{arrival.vehicle} is {'here' if arrival.here else 'gone'}")
+                say(Level.NOTICE, f"{arrival.vehicle} is {'here' if arrival.here else 'gone'}")
             elif isinstance(arrival, Ignored) and arrival.what not in said and len(said) < _KINDS:
                 said.add(arrival.what)
-                say(f"passed over under the key of {arrival.vehicle!r}: {arrival.what} ({arrival.detail!r})")
+                what = f"{arrival.what} ({arrival.detail!r})"
+                say(Level.WARNING, f"passed over under the key of {arrival.vehicle!r}: {what}")
         server.welcome()
         if (now := subscriber.trouble) != trouble:
             if now or trouble != opening:
-                say(f"zenoh: {now or 'a session is open again'}")
+                level = Level.WARNING if now else Level.NOTICE
+                say(level, f"zenoh: {now or 'a session is open again'}")
             trouble = now
 
 
-def _say(text: str) -> None:
-    sys.stderr.write(f"guidance foxglove: {text}\n")
-    sys.stderr.flush()
+def _say(level: Level, text: str) -> None:
+    tell(level, "guidance foxglove", text)

@@ -11,8 +11,7 @@ import re
 import socket
 import sys
 import time
-import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from math import inf
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Final
 
 from rich.console import Console
 
+from guidance.browser import open_page
 from guidance.child import Child
 from guidance.config import ConfigError
 from guidance.demo import DemoError, log_of, plan_flight, service_command, vehicle_command
@@ -110,14 +110,6 @@ def _see_to(children: Sequence[Child]) -> None:
         if child.ended:
             raise DemoError(child.obituary())
     time.sleep(_LOOK_S)
-
-
-def open_page(url: str, environment: Mapping[str, str], say: Callable[[str], None]) -> None:
-    """In a browser of this screen; without a screen a text browser would take the terminal."""
-    if sys.platform == "linux" and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
-        say("--open: there is no display here; open the page in any browser that reaches this machine")
-    elif not webbrowser.open(url):
-        say("--open: no browser found; open the page by hand")
 
 
 def _nothing(_: str) -> None:

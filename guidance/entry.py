@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
 from typing import Final, NoReturn, cast
 
 import typer
 
-from guidance.journal import say
-from guidance.printable import printable
+from guidance.journal import tell
 from guidance.records import Level
 
 DONE: Final = 0
@@ -30,8 +28,7 @@ _UsageError: Final = cast(type[Exception], typer.BadParameter.__bases__[0])
 
 def complain(program: str, text: object) -> None:
     """One line on stderr: what is wrong, and what to do."""
-    with suppress(OSError, ValueError):  # nobody listens
-        say(Level.ERROR, f"{program}: {printable(str(text))}\n")
+    tell(Level.ERROR, program, text)
 
 
 def refused(program: str, text: object) -> typer.Exit:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from typing import Final, TextIO
 
+from guidance.printable import printable
 from guidance.records import Level
 
 #: syslog's priorities, as journald reads them from the start of a line (sd-daemon of systemd).
@@ -37,3 +39,9 @@ def say(level: Level, text: str) -> None:
     """Write to stderr, whole lines; raises OSError or ValueError if nobody listens."""
     sys.stderr.write(marked(level, text) if is_journal(sys.stderr) else text)
     sys.stderr.flush()
+
+
+def tell(level: Level, program: str, text: object) -> None:
+    """One line of a program's, fit for a terminal; it is no matter if nobody listens."""
+    with suppress(OSError, ValueError):
+        say(level, f"{program}: {printable(str(text))}\n")

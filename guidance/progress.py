@@ -5,13 +5,16 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Final, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from guidance.journal import tell
+from guidance.records import Level
 
 #: Without a terminal, a line every so many seconds: for the log of a build that somebody follows.
 LINE_EVERY_S: Final = 10.0
@@ -83,9 +86,7 @@ class Steps:
             self._say(f": {words}" if words else "")
 
     def _say(self, words: str) -> None:
-        with suppress(OSError, ValueError):  # nobody listens
-            sys.stderr.write(f"{self._program}: {self._done:,} of {self._total:,} {self._what}{words}\n")
-            sys.stderr.flush()
+        tell(Level.INFO, self._program, f"{self._done:,} of {self._total:,} {self._what}{words}")
 
 
 @contextmanager
@@ -96,9 +97,7 @@ def waiting(program: str, words: str) -> Iterator[None]:
         with console.status(words):
             yield
     else:
-        with suppress(OSError, ValueError):  # nobody listens
-            sys.stderr.write(f"{program}: {words}\n")
-            sys.stderr.flush()
+        tell(Level.INFO, program, words)
         yield
 
 

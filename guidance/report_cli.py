@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from guidance.entry import FAILED, complain, refused
+from guidance.journal import tell
 from guidance.progress import reading
+from guidance.records import Level
 
 if TYPE_CHECKING:
     from guidance.report.panels import Shown
@@ -94,7 +96,7 @@ def flights_of(logs: list[Path], converged_m: float | None = None) -> list[Shown
         raise refused("guidance", error) from None
     for one in shown:
         if one.flight.incomplete:
-            complain("guidance", f"{one.flight.incomplete}; reporting on what is there")
+            tell(Level.WARNING, "guidance", f"{one.flight.incomplete}; reporting on what is there")
     return shown
 
 
@@ -104,7 +106,7 @@ def write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise failed(f"{path}: cannot be written: {error.strerror}") from None
-    typer.echo(f"{path}: {len(text.encode()) / 1e6:.1f} MB", err=True)
+    tell(Level.INFO, "guidance", f"{path}: {len(text.encode()) / 1e6:.1f} MB")
 
 
 def draw(shown: list[Shown], directory: Path) -> None:
@@ -115,4 +117,4 @@ def draw(shown: list[Shown], directory: Path) -> None:
         made = plots.write(shown, directory)
     except OSError as error:
         raise failed(f"{directory}: cannot be written: {error.strerror}") from None
-    typer.echo(f"{directory}: {', '.join(path.name for path in made)}", err=True)
+    tell(Level.INFO, "guidance", f"{directory}: {', '.join(path.name for path in made)}")

@@ -15,8 +15,10 @@ from rich.console import Console
 from rich.live import Live
 
 from guidance.fleet import Fleet, Note, Seen
+from guidance.journal import tell
 from guidance.noted_signals import noted_signals
 from guidance.printable import printable
+from guidance.records import Level
 from guidance.telemetry.arrivals import VEHICLE
 from guidance.telemetry.subscriber import Subscriber
 from guidance.telemetry.zenoh_sink import zenoh_config
@@ -98,7 +100,8 @@ class _Json:
             return
         words = connection.words() if not seen or connection.trouble else ""
         if words and words != self._said:
-            sys.stderr.write(f"guidance watch: {'' if seen else 'no vehicle yet; '}{words}\n")
+            level = Level.WARNING if connection.trouble else Level.INFO
+            tell(level, "guidance watch", f"{'' if seen else 'no vehicle yet; '}{words}")
         self._said = words
         notes = _since(fleet, self._number)
         self._number = notes[-1].number if notes else self._number

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 
 from guidance.entry import complain
-from guidance.journal import say
+from guidance.journal import say, tell
 from guidance.records import Event, Level, Record, Status
 from guidance.telemetry import Sample
 from guidance.telemetry.console import Console
@@ -110,6 +110,20 @@ def test_whatever_is_said_has_its_priority_in_the_journal_line_by_line(
             "<2>internal error",
             "<2>Traceback:",
         ]
+
+
+def test_a_line_of_a_program_steers_no_terminal_and_nobody_need_listen(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tell(Level.NOTICE, "guidance foxglove", "\x1b]0;x\a is\nhere")
+    assert (
+        capsys.readouterr().err
+        == "guidance foxglove: \N{REPLACEMENT CHARACTER}]0;x\N{REPLACEMENT CHARACTER} is here\n"
+    )
+    closed = io.StringIO()
+    closed.close()
+    monkeypatch.setattr("sys.stderr", closed)
+    tell(Level.NOTICE, "guidance foxglove", "gone")
 
 
 def test_lines_that_were_lost_are_a_warning_in_the_journal(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
+import os
 import re
 import signal
 import socket
@@ -413,6 +414,47 @@ def test_the_command_serves_until_ctrl_c_and_says_where() -> None:
     assert rest == ""
 
 
+def test_the_browser_that_it_opens_is_served_while_it_waits(tmp_path: Path) -> None:
+    """A text browser, or what BROWSER names, comes back when it is closed; who opened it serves the page."""
+    fetched = tmp_path / "fetched"
+    script = tmp_path / "browser.py"
+    script.write_text(
+        "import pathlib, sys, time, urllib.request\n"
+        "page = urllib.request.urlopen(sys.argv[1], timeout=20).read()\n"
+        f"pathlib.Path({str(fetched)!r}).write_bytes(page)\n"
+    )
+    command = [sys.executable, "-m", "guidance", "dashboard", "--no-multicast", "--port", "0", "--open"]
+    environment = {**os.environ, "DISPLAY": ":0", "BROWSER": f"{sys.executable} {script} %s"}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        end_s = time.monotonic() + PATIENCE_S
+        while not (fetched.exists() and fetched.stat().st_size) and time.monotonic() < end_s:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 130
+        assert process.stderr is not None
+        assert "--open" not in process.stderr.read()
+    assert b"<html" in fetched.read_bytes()
+
+
+def test_under_systemd_its_lines_have_their_priorities(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "guidance", "dashboard", "--no-multicast", "--port", "0"]
+    journal = tmp_path / "journal"
+    with journal.open("w") as stream:
+        found = os.fstat(stream.fileno())
+        environment = {**os.environ, "JOURNAL_STREAM": f"{found.st_dev}:{found.st_ino}"}
+        with subprocess.Popen(
+            [*command, "--host", "0.0.0.0", "--commands"], stderr=stream, env=environment
+        ) as process:
+            end_s = time.monotonic() + PATIENCE_S
+            while journal.read_text().count("\n") < 2 and time.monotonic() < end_s:
+                time.sleep(0.02)
+            process.terminate()
+            assert process.wait(PATIENCE_S) == 143
+    listens, orders_on = journal.read_text().splitlines()
+    assert listens.startswith("<6>guidance dashboard: http://127.0.0.1:")
+    assert orders_on.startswith("<4>guidance dashboard: orders are on: whoever reaches")
+
+
 def test_wrong_settings_and_a_missing_extra_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = CliRunner().invoke(app, ["dashboard", "--connect", "tcp/10.0.0.1"])
     assert wrong.exit_code == 2
@@ -429,7 +471,9 @@ def test_wrong_settings_and_a_missing_extra_are_said(monkeypatch: pytest.MonkeyP
     ("host", "url"),
     [
         ("0.0.0.0", "http://127.0.0.1:80/"),
-        ("::", "http://127.0.0.1:80/"),
+        ("", "http://127.0.0.1:80/"),
+        ("::", "http://[::1]:80/"),
+        ("::0", "http://[::1]:80/"),
         ("::1", "http://[::1]:80/"),
         ("boat", "http://boat:80/"),
     ],

@@ -73,7 +73,11 @@ def serving(*, only: str = "", connect: Endpoints = (), listen: Endpoints = ()) 
     said: list[str] = []
     config = zenoh_config(connect=connect, listen=listen)
     with Subscriber(config, only or "*") as subscriber, closing(Bridge("127.0.0.1", 0, only)) as server:
-        thread = threading.Thread(target=serve, args=[subscriber, server, said.append, stop.wait])
+
+        def say(_: Level, words: str) -> None:
+            said.append(words)
+
+        thread = threading.Thread(target=serve, args=[subscriber, server, say, stop.wait])
         thread.start()
         try:
             yield Served(server.port, said)
@@ -306,10 +310,13 @@ def test_trouble_with_zenoh_is_told_when_it_comes_and_when_it_goes() -> None:
         subscriber.trouble = trouble
         return trouble is None
 
-    said: list[str] = []
+    said: list[tuple[Level, str]] = []
     with closing(Bridge("127.0.0.1", 0)) as bridge:
-        serve(subscriber, bridge, said.append, stopping)
-    assert said == ["zenoh: no session: refused", "zenoh: a session is open again"]
+        serve(subscriber, bridge, lambda *words: said.append(words), stopping)
+    assert said == [
+        (Level.WARNING, "zenoh: no session: refused"),
+        (Level.NOTICE, "zenoh: a session is open again"),
+    ]
 
 
 def test_a_stranger_who_thinks_of_ever_new_things_fills_no_screen() -> None:
@@ -317,7 +324,7 @@ def test_a_stranger_who_thinks_of_ever_new_things_fills_no_screen() -> None:
     subscriber: Any = SimpleNamespace(trouble="", take=lambda: ignored)
     said: list[str] = []
     with closing(Bridge("127.0.0.1", 0)) as bridge:
-        serve(subscriber, bridge, said.append, lambda _: bool(said))
+        serve(subscriber, bridge, lambda _, words: said.append(words), lambda _: bool(said))
     assert 3 < len(said) < 50
 
 

@@ -5,19 +5,23 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
-import webbrowser
 from collections.abc import Sequence
+from contextlib import suppress
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
 
+from guidance.browser import open_page
 from guidance.dashboard.server import Dashboard
 from guidance.dashboard.server import DashboardError as DashboardError  # raised here, so found here
+from guidance.journal import tell
 from guidance.noted_signals import noted_signals
+from guidance.records import Level
 from guidance.telemetry.subscriber import Subscriber
 from guidance.telemetry.zenoh_sink import zenoh_config
 from guidance.watch import DEFAULT_CONNECT
 
+_PROGRAM: Final = "guidance dashboard"
 #: Zenoh waits 10 s for a frozen neighbour; whoever pressed Ctrl-C does not.
 _CLOSE_S: Final = 1.0
 
@@ -54,11 +58,12 @@ def dashboard(
 
     def up(bound: int) -> None:
         url = url_of(host, bound)
-        _say(f"{url} (Ctrl-C ends it)")
+        tell(Level.INFO, _PROGRAM, f"{url} (Ctrl-C ends it)")
         if commands and not _is_loopback(host):
-            _say("orders are on: whoever reaches this address may command every vehicle that obeys zenoh")
-        if open_browser and not webbrowser.open(url):
-            _say("--open: no browser found; open the page by hand")
+            words = "orders are on: whoever reaches this address may command every vehicle that obeys zenoh"
+            tell(Level.WARNING, _PROGRAM, words)
+        if open_browser:
+            open_page(url, os.environ, lambda words: tell(Level.WARNING, _PROGRAM, words))
 
     with noted_signals() as noted:
         subscriber.start()
@@ -76,8 +81,9 @@ def dashboard(
 
 def url_of(host: str, port: int) -> str:
     """Where a browser on this machine finds what listens on `host`."""
-    if host in ("", "0.0.0.0", "::"):  # noqa: S104 - compared, not bound
-        host = "127.0.0.1"
+    with suppress(ValueError):
+        if (address := ip_address(host or "0.0.0.0")).is_unspecified:  # noqa: S104 - compared, not bound
+            host = "127.0.0.1" if address.version == 4 else "::1"  # `::` listens on no IPv4
     return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
 
 
@@ -86,8 +92,3 @@ def _is_loopback(host: str) -> bool:
         return ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(f"guidance dashboard: {text}\n")
-    sys.stderr.flush()

@@ -187,6 +187,28 @@ def test_who_shows_a_vehicle_without_a_past_asks_for_it_seldom_and_not_for_ever(
     assert flown.asked == ["uuv-1"] * ASKED_MAX
 
 
+def test_a_token_that_comes_and_goes_asks_for_nothing_that_is_known() -> None:
+    flown = Flown()
+    flown.turn(Presence(flown.now_ns, "uuv-1", here=True), *flown.heard(state(flown.now_ns)))
+    flown.turn(History(flown.now_ns, "uuv-1", (state(flown.now_ns - TICK_NS),)))
+    for _ in range(5):  # a router that flaps
+        flown.turn(Presence(flown.now_ns, "uuv-1", here=False), Presence(flown.now_ns, "uuv-1", here=True))
+        flown.fly(20)
+    assert flown.asked == ["uuv-1"]
+
+
+def test_who_was_out_of_reach_is_asked_for_what_happened_meanwhile() -> None:
+    flown = Flown()
+    flown.turn(Presence(flown.now_ns, "uuv-1", here=True), *flown.heard(state(flown.now_ns)))
+    flown.turn(History(flown.now_ns, "uuv-1", (state(flown.now_ns - TICK_NS),)))
+    for _ in range(120):
+        flown.turn()
+    flown.hub.recall("uuv-1", flown.now_ns)
+    assert flown.asked == ["uuv-1"]  # it would not answer
+    flown.turn(Presence(flown.now_ns, "uuv-1", here=True))
+    assert flown.asked == ["uuv-1"] * 2
+
+
 def test_whose_token_was_seen_or_whose_past_has_come_is_not_asked_again_at_once() -> None:
     flown = Flown()
     flown.turn(Presence(flown.now_ns, "uuv-1", here=True), *flown.heard(state(flown.now_ns)))

@@ -30,7 +30,16 @@ from websockets.typing import Origin
 from guidance.cli import app
 from guidance.dashboard.command import url_of
 from guidance.dashboard.rows import COLUMNS, ROW
-from guidance.dashboard.server import Dashboard, DashboardError, _Open, files, from_here, names_us
+from guidance.dashboard.server import (
+    ANSWERED_NS,
+    PAGES_MAX,
+    Dashboard,
+    DashboardError,
+    _Open,
+    files,
+    from_here,
+    names_us,
+)
 from guidance.records import TOPICS, Record
 from guidance.telemetry.arrivals import Answered, Arrival, Heard, Presence, read
 from tests.fleet_rig import error, event, session, state, status
@@ -360,6 +369,45 @@ def test_what_may_not_be_ordered_is_refused_with_why(text: Callable[[], str], wh
         assert answer["accepted"] is False
         assert why in answer["reason"]
     assert sky.orders == []
+
+
+def test_an_order_whose_answer_is_lost_is_given_up() -> None:
+    """The thread that asks may have died; the page must not wait, nor the memory grow, for ever."""
+    sky, now_ns = Sky(), 10**12
+    dashboard = Dashboard(sky, commands=True, clock_ns=lambda: now_ns)
+    opened = _Open()
+    with_orders(sky)
+    dashboard.turn(now_ns)
+    for verb in ("hold", "abort"):
+        dashboard._asked(opened, order(verb))
+        now_ns += ANSWERED_NS // 2
+    opened.page.take(dashboard.hub.ring)
+    sky.trouble = "stopped by an internal error"
+    dashboard.turn(now_ns)
+    dashboard.turn(now_ns)
+    (told,) = map(json.loads, opened.page.take(dashboard.hub.ring))
+    assert (told["kind"], told["verb"], told["accepted"]) == ("answer", "hold", None)
+    assert told["reason"] == "stopped by an internal error: look at the vehicle's state"
+    sky.arrivals = [Answered(0, "uuv-1", "hold", "id-1", True, "late"), Answered(0, "", "", "id-2", True, "")]
+    dashboard.turn(now_ns)
+    assert [json.loads(one)["verb"] for one in opened.page.take(dashboard.hub.ring)] == ["abort"]
+    assert dashboard._given == {}
+
+
+def test_no_more_pages_are_let_in_than_there_may_be() -> None:
+    """Those count that have shaken hands; several may be at it at once."""
+    dashboard = Dashboard(Sky(), commands=False)
+    dashboard._open.update(_Open() for _ in range(PAGES_MAX))
+    closed: list[int] = []
+
+    async def close(code: int, reason: str) -> None:
+        closed.append(code)
+        assert reason == f"{PAGES_MAX} pages are open"
+
+    late: Any = SimpleNamespace(close=close)
+    asyncio.run(dashboard._live(late))
+    assert closed == [1013]
+    assert len(dashboard._open) == PAGES_MAX
 
 
 def test_without_commands_nothing_is_ordered_whatever_a_page_sends() -> None:

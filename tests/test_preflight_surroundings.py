@@ -181,6 +181,20 @@ def test_a_directory_that_may_not_be_written_to(tmp_path: Path, monkeypatch: pyt
     assert look_at_disk(make_config(f"log.directory={tmp_path}").log).problem.endswith("Permission denied")
 
 
+def test_a_directory_that_may_not_be_looked_into_is_a_finding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As under a home of another user: not even whether it exists is told."""
+
+    def refuse(_: Path) -> bool:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "exists", refuse)
+    look = look_at_disk(make_config(f"log.directory={tmp_path}/new").log)
+    monkeypatch.undo()
+    assert look.problem == f"{tmp_path}/new: Permission denied"
+
+
 def test_a_disk_that_is_full_or_soon_will_be(healthy: Bench) -> None:
     def look(free_mb: float) -> DiskLook:
         return DiskLook(Path("/logs"), "", round(free_mb * 1e6))
@@ -226,7 +240,10 @@ def test_zenoh(overrides: list[str], look: ZenohLook | None, verdict: str, found
         (['zenoh.connect=["tcp/10.0.0.1:7447"]', 'zenoh.listen=["tcp/127.0.0.1:1"]'], "tcp/10.0.0.1:7447"),
         (["zenoh.multicast_scouting=true"], "it by multicast"),
         (['zenoh.listen=["tcp/127.0.0.1:7447"]'], None),
-        (['zenoh.config_file="tls.json5"'], None),
+        (['zenoh.listen=["tcp/localhost:7447", "tcp/[::1]:7447", "udp/127.0.1.1:7447"]'], None),
+        (['zenoh.listen=["tcp/[::]:7447"]'], "tcp/[::]:7447"),
+        (['zenoh.connect=["tcp/127.0.0.1.example.org:7447"]'], "tcp/127.0.0.1.example.org:7447"),
+        (['zenoh.config_file="tls.json5"'], "it as tls.json5 says"),
     ],
 )
 def test_orders_that_a_network_may_give_are_worth_a_word(overrides: list[str], who: str | None) -> None:
@@ -239,6 +256,26 @@ def test_orders_that_a_network_may_give_are_worth_a_word(overrides: list[str], w
             assert finding is not None
             assert finding.verdict is Verdict.WARN
             assert finding.found == f"whoever reaches {who} may engage, retune and stop"
+
+
+@pytest.mark.parametrize(
+    ("file", "restricted"),
+    [
+        ("{}", False),
+        ("{access_control: {enabled: false}}", False),
+        ("{access_control: {enabled: true, default_permission: 'deny'}}", True),
+        ("{transport: {link: {tls: {enable_mtls: true}}}}", True),
+    ],
+)
+def test_a_file_of_zenohs_that_lets_not_everybody_in_is_worth_no_word(
+    file: str, restricted: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "zenoh.json5"
+    path.write_text(file)
+    settings = (f'zenoh.config_file="{path}"', "zenoh.commands=true")
+    probe = ZenohProbe(make_config(*settings), 1.0)
+    assert probe.look.restricted is restricted
+    assert ("zenoh orders" in Bench(*settings).findings(zenoh=probe.look)) is not restricted
 
 
 def test_the_probe_finds_the_router_and_a_service_that_publishes() -> None:

@@ -32,6 +32,8 @@ EVENTS_MAX: Final = 20
 #: For the last minutes of a vehicle it is asked so often, as long as they do not come.
 ASKED_MAX: Final = 3
 ASK_AGAIN_NS: Final = 10_000_000_000
+#: Who was quiet for longer may have done something that nobody heard.
+MISSED_S: Final = 5.0
 
 
 class _Rows:
@@ -84,7 +86,7 @@ class Hub:
                 self._heard(arrival)
             elif isinstance(arrival, History):
                 self._history(arrival, now_ns)
-            elif isinstance(arrival, Presence) and arrival.here:
+            elif isinstance(arrival, Presence) and arrival.here and not self._recalled(arrival.vehicle):
                 self._ask(arrival.vehicle, now_ns, 1)
         self.seen = self.fleet.look(now_ns)
         for seen in self.seen:
@@ -94,11 +96,16 @@ class Hub:
     def recall(self, vehicle: str, now_ns: int) -> None:
         """A page shows it: ask for its last minutes if they have not come, but only so often."""
         known = self._vehicles.get(vehicle)
-        if known is None or known.recalled:
+        if known is None or not known.live or known.recalled:
             return
         asked_ns, times = self._asked.get(vehicle, (now_ns - ASK_AGAIN_NS, 0))
         if times < ASKED_MAX and now_ns - asked_ns >= ASK_AGAIN_NS:
             self._ask(vehicle, now_ns, times + 1)
+
+    def _recalled(self, vehicle: str) -> bool:
+        """Whether its last minutes are known: a token that comes and goes, as links do, asks for nothing."""
+        known = self._vehicles.get(vehicle)
+        return known is not None and known.recalled
 
     def _ask(self, vehicle: str, now_ns: int, times: int) -> None:
         if len(self._asked) >= 2 * RINGS_MAX:
@@ -133,7 +140,11 @@ class Hub:
     def _row(self, seen: Seen, now_ns: int) -> None:
         vehicle = self._vehicles.get(seen.vehicle)
         live = seen.contact is Contact.LIVE
-        if vehicle is None or (not live and not vehicle.live):
+        if vehicle is None:
+            return
+        if seen.quiet_s >= MISSED_S:
+            vehicle.recalled = False  # its events of meanwhile are asked for when it is back
+        if not live and not vehicle.live:
             return
 
         def newest(kind: type[Record]) -> Record | None:

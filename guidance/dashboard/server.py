@@ -23,6 +23,7 @@ import msgspec
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
 from guidance.dashboard.hub import Hub
@@ -37,6 +38,8 @@ TELL_TURNS: Final = TICK_HZ // 5
 PAGES_MAX: Final = 32
 #: An order with a trajectory is a line.
 _MESSAGE_BYTES_MAX: Final = 8192
+#: The network answers each order within some 6 s, if only by saying that nobody does.
+ANSWERED_NS: Final = 10_000_000_000
 _KINDS: Final = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -111,6 +114,14 @@ class _Open:
         self.ready = asyncio.Event()
 
 
+class _Given(NamedTuple):
+    """An order on its way: by whose page, and when it was given."""
+
+    by: _Open
+    order: Order
+    at_ns: int
+
+
 class Dashboard:
     """Serves pages what the network brings.
 
@@ -136,7 +147,7 @@ class Dashboard:
         self._unix_ns = unix_ns
         self._files = files()
         self._open: set[_Open] = set()
-        self._given: dict[str, tuple[_Open, Order]] = {}
+        self._given: dict[str, _Given] = {}
         self._turns = 0
         self._contacts: list[tuple[str, str]] = []
         self._encode = msgspec.json.Encoder().encode
@@ -183,7 +194,8 @@ class Dashboard:
         hub = self.hub
         for came in hub.turn(self._network.take(), now_ns):
             if (given := self._given.pop(came.id, None)) is not None:
-                given[0].page.owe_answer(answered(given[1], came))
+                given.by.page.owe_answer(answered(given.order, came))
+        self._give_up(now_ns)
         contacts = [(seen.vehicle, str(seen.contact)) for seen in hub.seen]
         telling = self._turns % TELL_TURNS == 0 or contacts != self._contacts
         self._contacts = contacts
@@ -205,6 +217,16 @@ class Dashboard:
                     page.owe_plan(hub.plan(page.vehicle))
                     hub.recall(page.vehicle, now_ns)
             opened.ready.set()
+
+    def _give_up(self, now_ns: int) -> None:
+        """Nobody waits for ever, whatever became of the answers."""
+        while self._given:
+            oldest, given = next(iter(self._given.items()))
+            if now_ns - given.at_ns < ANSWERED_NS:
+                return
+            del self._given[oldest]
+            why = self._network.trouble or "no answer came"
+            given.by.page.owe_answer(answer(given.order, None, f"{why}: look at the vehicle's state"))
 
     def _fleet_told(self) -> bytes:
         offset_ns = self._unix_ns() - self._clock_ns()
@@ -233,6 +255,9 @@ class Dashboard:
         return _response(HTTPStatus.OK, file.body, file.kind)
 
     async def _live(self, connection: ServerConnection) -> None:
+        if len(self._open) >= PAGES_MAX:  # others came while this one shook hands
+            await connection.close(CloseCode.TRY_AGAIN_LATER, f"{PAGES_MAX} pages are open")
+            return
         opened = _Open()
         opened.page.owe_answer(self._encode(self._welcome()))
         opened.page.owe_fleet(self._fleet_told())
@@ -292,7 +317,7 @@ class Dashboard:
             given = self._network.ask(order.vehicle, order.verb, order.fields, "dashboard")
         except (ValueError, TypeError) as error:
             return str(error)
-        self._given[given] = (opened, order)
+        self._given[given] = _Given(opened, order, self._clock_ns())
         return ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from ipaddress import ip_address
 from typing import Final
 
 from guidance.preflight.findings import Finding, fail, ok, skip, warn
@@ -44,14 +45,27 @@ def telemetry(seen: Seen) -> Iterator[Finding]:
         yield warn("zenoh", f"nobody found by {where}", "is anybody there who listens?")
     else:
         yield skip("zenoh", "nowhere to connect to or to listen")
-    open_to = [place for place in (*settings.connect, *settings.listen) if "/127.0.0.1:" not in place]
-    if settings.enabled and settings.commands and (open_to or settings.multicast_scouting):
+    open_to = [place for place in (*settings.connect, *settings.listen) if not _is_here(place)]
+    if settings.multicast_scouting and not open_to:
+        open_to = ["it by multicast"]
+    if settings.config_file and not (look is not None and look.restricted):
+        open_to.append(f"it as {settings.config_file} says")
+    if settings.enabled and settings.commands and open_to:
         yield warn(
             "zenoh orders",
-            f"whoever reaches {', '.join(open_to) or 'it by multicast'} may engage, retune and stop",
+            f"whoever reaches {', '.join(open_to)} may engage, retune and stop",
             "zenoh.listen on 127.0.0.1 only, TLS and access control by zenoh.config_file, or "
             "zenoh.commands = false",
         )
+
+
+def _is_here(place: str) -> bool:
+    """Whether a zenoh endpoint, as `tcp/127.0.0.1:7447`, is of this machine alone."""
+    host = place.partition("/")[2].rpartition(":")[0].strip("[]")
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def orders(seen: Seen) -> Iterator[Finding]:

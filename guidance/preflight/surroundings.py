@@ -19,6 +19,8 @@ from guidance.transport.processes import Process, Processes
 
 #: Looks at every new /dev/ttyACM* by writing modem commands to it.
 _MODEM_MANAGER: Final = "ModemManager"
+#: By which keys of its configuration zenoh lets not everybody in.
+_RESTRICTING: Final = ("access_control/enabled", "transport/link/tls/enable_mtls")
 _ALIVE_S: Final = 0.5
 _LOOK_S: Final = 0.05
 
@@ -54,8 +56,9 @@ class DiskLook(NamedTuple):
 def look_at_disk(log: Log) -> DiskLook:
     """Try to write; a directory that the service would create is not created."""
     directory = Path(log.directory).absolute()
-    there = next(folder for folder in (directory, *directory.parents) if folder.exists())
+    there = directory
     try:
+        there = next(folder for folder in (directory, *directory.parents) if folder.exists())
         if not there.is_dir():
             return DiskLook(directory, f"{there} is not a directory", 0)
         if there != directory and not os.access(there, os.W_OK | os.X_OK):
@@ -69,11 +72,15 @@ def look_at_disk(log: Log) -> DiskLook:
 
 
 class ZenohLook(NamedTuple):
-    """`neighbours` are the routers and peers that were reached; `service`: a service of this name answers."""
+    """`neighbours` are the routers and peers that were reached; `service`: a service of this name answers.
+
+    `restricted`: zenoh's own configuration has access control, or asks for certificates.
+    """
 
     problem: str = ""
     neighbours: int = 0
     service: bool = False
+    restricted: bool = False
 
 
 class ZenohProbe:
@@ -96,6 +103,7 @@ class ZenohProbe:
             config_file=Path(settings.config_file) if settings.config_file else None,
         )
         self._expected = bool(settings.connect or settings.multicast_scouting or settings.config_file)
+        self._restricted = any(self._config.get_json(key) == "true" for key in _RESTRICTING)
         self._token = f"guidance/{config.vehicle.name}/alive"
         self._look = ZenohLook("no session was opened in time")
         self._enough = threading.Event()
@@ -105,7 +113,7 @@ class ZenohProbe:
     @property
     def look(self) -> ZenohLook:
         """What is known by now."""
-        return self._look
+        return self._look._replace(restricted=self._restricted)
 
     def start(self) -> None:
         """Begin."""

@@ -16,9 +16,9 @@ from guidance.records import LOG_ONLY, NOT_A_RECORD, SCHEMA_VERSION, Record
 from guidance.telemetry.schema import RECORDS, schema_name
 
 #: One chunk of a key: what a service may be called.
+VEHICLE: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 #: So many of them are kept in mind; of more, those unheard for longest give way.
 VEHICLES_MAX: Final = 200
-VEHICLE: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 #: No record comes near; a stranger's payload is not worth more memory.
 LARGEST_BYTES: Final = 1 << 18
 

@@ -13,7 +13,7 @@ import msgspec
 import zenoh
 
 from guidance.checking import ConfigError, override
-from guidance.telemetry.asking import AGAIN_NS, ANSWER_S, ASK_NS, order_payload
+from guidance.telemetry.asking import AGAIN_NS, ANSWER_S, ASK_NS, order_payload, order_selector
 from guidance.telemetry.zenoh_orders import Reply
 from guidance.telemetry.zenoh_sink import brief, close_quietly, zenoh_config
 
@@ -114,13 +114,14 @@ def ask(
     except zenoh.ZError as error:
         raise NoAnswerError(f"no zenoh session: {brief(error)}") from None
     try:
-        end = time.monotonic() + seconds
+        start = time.monotonic()
         while True:
-            replies = session.get(f"guidance/{vehicle}/command/{verb}", payload=payload, timeout=ANSWER_S)
+            selector = order_selector(vehicle, verb, time.monotonic() - start)
+            replies = session.get(selector, payload=payload, timeout=ANSWER_S)
             for reply in replies:
                 if reply.ok is not None:
                     return _decode(reply.ok.payload.to_bytes())
-            if time.monotonic() >= end:
+            if time.monotonic() - start >= seconds:
                 raise NoAnswerError(f"no service of {vehicle} answers at {where}")
             time.sleep(AGAIN_NS * 1e-9)
     except zenoh.ZError as error:

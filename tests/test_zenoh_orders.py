@@ -6,6 +6,7 @@ import asyncio
 import json
 import socket
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -18,10 +19,12 @@ from typer.testing import CliRunner
 from guidance import ordering
 from guidance.cli import app
 from guidance.commands import PAYLOAD_BYTES_MAX, Engage, Order
-from guidance.ordering import ask
+from guidance.ordering import NoAnswerError, ask
 from guidance.records import Answer
 from guidance.shell import Shell
 from guidance.telemetry import zenoh_orders
+from guidance.telemetry.arrivals import Answered
+from guidance.telemetry.asking import Orders
 from guidance.telemetry.zenoh_orders import (
     ANSWER_NS,
     HELD_UP_NS,
@@ -161,6 +164,7 @@ class _Query:
         self.payload = self
         self._payload = payload
         self.replies: list[Reply] = []
+        self.parameters: dict[str, str] = {}
         self.dropped = False
 
     def __len__(self) -> int:
@@ -188,8 +192,9 @@ class _Desk:
         self.it = OrderQueries("guidance/uuv-1/command/", enabled=True, clock_ns=lambda: self.now_ns)
         self.it.hand_over = lambda order, until_ns: self.handed.append((order, until_ns))
 
-    def ask(self, verb: str = "engage", payload: bytes = b"") -> Any:
+    def ask(self, verb: str = "engage", payload: bytes = b"", **parameters: str) -> Any:
         query: Any = _Query(verb, payload)
+        query.parameters = parameters
         assert self.it.take(query)
         return query
 
@@ -269,6 +274,55 @@ def test_what_may_have_waited_while_all_stood_still_takes_no_control(desk: _Desk
     desk.it.opened()  # there was no session meanwhile
     desk.it.come_round()
     assert desk.ask("engage").replies == []
+
+
+def test_what_was_ordered_before_the_service_began_takes_no_control(desk: _Desk) -> None:
+    """A service that died before it answered may have obeyed, and its memory of ids is gone."""
+    desk.now_ns += 2 * S
+    for verb in ("engage", "resume", "shutdown"):
+        query = desk.ask(verb, age="2.1")
+        assert query.replies[0].reason.startswith("it was ordered before this service began")
+    assert [desk.ask(verb, age="2.1").replies for verb in ("hold", "abort")] == [[], []]
+    for age in ("1.9", "0", "", "soon", "nan", "-1e999"):
+        assert desk.ask("engage", age=age).replies == []
+    assert desk.ask("engage", age="1" * 5000).replies != []
+    desk.now_ns += S
+    assert desk.ask("engage", age="2.1").replies == []
+
+
+def test_an_order_that_is_asked_again_says_for_how_long(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By `guidance command` and by the dashboard alike."""
+    came: list[tuple[float, str]] = []
+    with (
+        zenoh.open(zenoh_config(listen=[endpoint])) as service,
+        zenoh.open(zenoh_config(connect=[endpoint])) as session,
+    ):
+        key = "guidance/uuv-1/command/engage"
+
+        def take(query: zenoh.Query) -> None:
+            with query:
+                assert query.payload is not None
+                came.append((float(query.parameters.get("age") or "nan"), query.payload.to_bytes().decode()))
+
+        service.declare_queryable(key, take)
+        with pytest.raises(NoAnswerError):
+            ask("uuv-1", "engage", {}, connect=[endpoint], seconds=0.5)
+        by_command, came[:] = list(came), []
+        orders, now_ns = Orders(), 7 * S
+        orders.give("uuv-1", "engage", {}, "test")
+        answers: list[Answered] = []
+        while not answers:
+            answers = orders.turn(session, now_ns, "")
+            now_ns += 100_000_000
+            time.sleep(0.01)
+    for asked in (by_command, came):
+        ages = [age for age, _ in asked]
+        assert len(ages) > 2
+        assert 0.0 <= ages[0] < 0.1
+        assert ages == sorted(set(ages))
+        assert len({payload for _, payload in asked}) == 1  # one id
 
 
 def test_the_sink_notices_that_it_was_held_up(endpoint: str) -> None:

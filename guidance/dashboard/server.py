@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import logging
 import socket
 import time
@@ -85,6 +86,14 @@ def files() -> dict[str, File]:
     return found
 
 
+def fingerprint(served: Mapping[str, File]) -> str:
+    """Of all files together: a page that was open while another version was installed knows itself by it."""
+    whole = hashlib.sha256()
+    for path, file in sorted(served.items()):
+        whole.update(f"{path} {len(file.body)} ".encode() + file.body)
+    return whole.hexdigest()[:16]
+
+
 def names_us(host: str, named: Sequence[str] = ()) -> bool:
     """Whether a Host header is an address, `localhost`, this machine's own name, or one that was `named`."""
     try:
@@ -146,6 +155,7 @@ class Dashboard:
         self._clock_ns = clock_ns
         self._unix_ns = unix_ns
         self._files = files()
+        self._page = fingerprint(self._files)
         self._open: set[_Open] = set()
         self._given: dict[str, _Given] = {}
         self._turns = 0
@@ -286,6 +296,7 @@ class Dashboard:
     def _welcome(self) -> dict[str, object]:
         return {
             "kind": "welcome",
+            "page": self._page,
             "commands": self._commands,
             "verbs": VERBS,
             "trajectories": trajectories_told() if self._commands else [],

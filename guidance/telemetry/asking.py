@@ -18,11 +18,12 @@ from guidance.commands import OrderError, read_payload
 from guidance.records import NOT_A_RECORD
 from guidance.telemetry.arrivals import VEHICLE, VEHICLES_MAX, Answered, Heard, History, Ignored, read
 from guidance.telemetry.zenoh_history import KEPT_BYTES_MAX, KEPT_NS
-from guidance.telemetry.zenoh_orders import ANSWER_NS, Reply
+from guidance.telemetry.zenoh_orders import AGE_PARAMETER, ANSWER_NS, Reply
 
 #: The vehicle answers an order within this, whatever happens there; the rest is the way.
 ANSWER_S: Final = ANSWER_NS * 1e-9 + 1.0
-#: So long an order is given again until somebody answers; under one id, so that it is obeyed once.
+#: So long an order is given again until somebody answers; under one id, so that it is obeyed once, and with
+#: its age, so that a service that began meanwhile does not obey what the one before it may have obeyed.
 ASK_NS: Final = 3_000_000_000
 AGAIN_NS: Final = 100_000_000
 #: So many orders may be on their way at once.
@@ -49,6 +50,11 @@ def order_payload(vehicle: str, verb: str, fields: Mapping[str, Any], source: st
     except OrderError as error:
         raise ValueError(str(error)) from None
     return order.id, payload
+
+
+def order_selector(vehicle: str, verb: str, age_s: float) -> str:
+    """What is asked to give an order, `age_s` after it was asked for the first time."""
+    return f"guidance/{vehicle}/command/{verb}?{AGE_PARAMETER}={age_s:.3f}"
 
 
 class _Get:
@@ -203,8 +209,10 @@ class Orders:
             where = trouble or "it ended, hangs, or is out of reach"
             return order.answered(now_ns, None, f"no service of {order.vehicle} answers: {where}")
         if session is not None and now_ns >= order.again_ns:
-            key = f"guidance/{order.vehicle}/command/{order.verb}"
-            order.get = _Get(session, key, ANSWER_S, order.payload)
+            age_s = (now_ns - order.until_ns + ASK_NS) * 1e-9
+            order.get = _Get(
+                session, order_selector(order.vehicle, order.verb, age_s), ANSWER_S, order.payload
+            )
         return None
 
     def forget(self) -> None:

@@ -6,6 +6,9 @@ with {"accepted": ..., "reason": ..., "id": ..., "repeated": ...}, at the latest
 loop does not obey an order that it gets too late, so that "not answered" never means "obeyed later". Nor is
 one obeyed that may have waited here while all of us stood still (SIGSTOP, a stuck call): who asked gave up.
 
+`?age=2.5` says that the order was first asked for 2.5 s ago. One from before the service began may have been
+obeyed by the one before it, whose memory of ids is gone: only what stops the vehicle is obeyed then.
+
 The key must be written out: a query for `guidance/*/command/engage` orders nothing.
 """
 
@@ -35,6 +38,8 @@ WAITING_MAX: Final = 32
 #: Who comes round so late finds queries that may be as old; so long after that, some may still come in.
 HELD_UP_NS: Final = 1_000_000_000
 SETTLED_NS: Final = 500_000_000
+#: Parameter of the query: s since the order was asked for the first time.
+AGE_PARAMETER: Final = "age"
 _SOURCE_CHARACTERS: Final = 80
 
 
@@ -63,7 +68,7 @@ class OrderQueries:
         self._enabled = enabled
         self._clock_ns = clock_ns
         self._waiting: list[_Waiting] = []
-        self._round_ns = self._settled_ns = clock_ns()
+        self._began_ns = self._round_ns = self._settled_ns = clock_ns()
         self._encode = msgspec.json.Encoder().encode
         self._decode = msgspec.json.Decoder(Answer).decode
 
@@ -100,11 +105,14 @@ class OrderQueries:
             order = read_payload(verb, b"" if query.payload is None else query.payload.to_bytes())
         except OrderError as error:
             return str(error)
-        if self._clock_ns() < self._settled_ns and not isinstance(order, Hold | Abort):  # these are safe late
-            return "the service was held up, and this may be an old order: order again"
+        now_ns = self._clock_ns()
+        if not isinstance(order, Hold | Abort):  # these are safe late
+            if now_ns < self._settled_ns:
+                return "the service was held up, and this may be an old order: order again"
+            if _age_ns(query) > now_ns - self._began_ns:
+                return "it was ordered before this service began: look at the state, then order again"
         source = f"zenoh {printable(order.source)}"[:_SOURCE_CHARACTERS].strip()
         order = replace(order, id=order.id or uuid.uuid4().hex, source=source)
-        now_ns = self._clock_ns()
         self._waiting.append(_Waiting(query, source, order.id, now_ns + ANSWER_NS))
         self.hand_over(order, now_ns + OBEY_NS)
         return None
@@ -149,3 +157,12 @@ class OrderQueries:
         with query:
             key = str(query.key_expr)
             query.reply(key, self._encode(reply), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+
+def _age_ns(query: zenoh.Query) -> float:
+    """As the query says; 0 if it says nothing that is a time."""
+    try:
+        age_s = float(query.parameters.get(AGE_PARAMETER) or 0.0)
+    except ValueError:
+        return 0.0
+    return age_s * 1e9

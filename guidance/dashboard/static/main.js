@@ -36,6 +36,8 @@ let seen = [];
 const drawn = { frames: 0, ms: 0, worst: 0 };
 Object.assign(window, { drawn });
 
+/** Which page this is, as the server said first. */
+let page = "";
 let pending = false;
 let lastMs = 0;
 
@@ -83,7 +85,11 @@ function showFleet() {
 
 /** @type {Record<string, (said: any) => void>} */
 const take = {
-  welcome: (said) => orders.welcome(said),
+  welcome(said) {
+    if (page && said.page !== page) location.reload(); // another version was installed meanwhile
+    page = said.page;
+    orders.welcome(said);
+  },
   fleet(said) {
     seen = said.fleet;
     orders.heardAtS = said.at_s;

@@ -38,7 +38,8 @@ def dashboard(
     Without a place this looks where `guidance watch` does. Buttons appear with --commands, for vehicles
     that have zenoh.commands = true. It needs the extra "dashboard" and no internet.
 
-    Exit status 130 after Ctrl-C, 1 if it cannot listen, 2 for a wrong setting or without the extra.
+    Exit status 130 after Ctrl-C, 143 after SIGTERM, 1 if it cannot listen, 2 for a wrong setting or without
+    the extra.
 
     Examples:
 

@@ -78,7 +78,9 @@ class Sky:
 
 
 @contextmanager
-def serving(sky: Sky, *, commands: bool = False, host: str = "127.0.0.1") -> Iterator[SimpleNamespace]:
+def serving(
+    sky: Sky, *, commands: bool = False, host: str = "127.0.0.1", port: int = 0
+) -> Iterator[SimpleNamespace]:
     dashboard = Dashboard(sky, commands=commands)
     found: list[int] = []
     up, stop = threading.Event(), threading.Event()
@@ -87,7 +89,7 @@ def serving(sky: Sky, *, commands: bool = False, host: str = "127.0.0.1") -> Ite
         found.append(port)
         up.set()
 
-    thread = threading.Thread(target=lambda: asyncio.run(dashboard.run(host, 0, is_up, stop.is_set)))
+    thread = threading.Thread(target=lambda: asyncio.run(dashboard.run(host, port, is_up, stop.is_set)))
     thread.start()
     try:
         assert up.wait(PATIENCE_S)

@@ -197,10 +197,10 @@ class _Parameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """
 
     stop_at_s: Annotated[
-        float, Meta(ge=0.0, le=1e6, description="when it has come to rest, and stays, s; 0 is never")
+        float, Meta(ge=0.0, le=1e6, description="stop at this time and stay, s; 0 is never")
     ] = 0.0
     stop_over_s: Annotated[
-        float, Meta(ge=0.1, le=1e3, description="in how long it slows down before that, s")
+        float, Meta(ge=0.1, le=1e3, description="slow down over so long before it stops, s")
     ] = 4.0
 
     def __post_init__(self) -> None:
@@ -225,7 +225,7 @@ class Helix(_Parameters, frozen=True, kw_only=True, tag="helix"):
     down_m_s: Annotated[float, Meta(ge=-1e3, le=1e3, description="vertical speed, m/s, positive down")] = 0.1
     down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="start, m below the origin")] = 0.0
     levels_off_m: Annotated[
-        float, Meta(ge=0.0, le=1e5, description="then it goes on level, m climbed or sunk; 0 is never")
+        float, Meta(ge=0.0, le=1e5, description="go on level after so much climbed or sunk, m; 0 is never")
     ] = 0.0
 
     @property
@@ -248,7 +248,7 @@ class Circle(_Parameters, frozen=True, kw_only=True, tag="circle"):
 
     radius_m: Annotated[float, Meta(ge=0.01, le=1e5, description="radius, m")] = 10.0
     speed_m_s: Annotated[float, Meta(ge=1e-3, le=1e3, description="speed, m/s")] = 1.0
-    clockwise: Annotated[bool, Meta(description="direction, seen from above")] = True
+    clockwise: Annotated[bool, Meta(description="clockwise, seen from above")] = True
     down_m: Annotated[float, Meta(ge=-1e5, le=1e5, description="height below the origin, m")] = 0.0
 
     @property

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -57,13 +57,19 @@ def chromium() -> Iterator[Browser]:
 
 
 @contextmanager
-def visiting(browser: Browser, url: str, **context: Any) -> Iterator[Page]:
-    """The page, in a browser profile of its own; that it asks nobody else and logs no error is asserted."""
+def visiting(
+    browser: Browser, url: str, before: Callable[[Page], object] | None = None, **context: Any
+) -> Iterator[Page]:
+    """The page, in a browser profile of its own; that it asks nobody else and logs no error is asserted.
+
+    `before` is done with the page before it is loaded.
+    """
     errors: list[str] = []
     elsewhere: list[str] = []
+    home = url.partition("#")[0]
 
     def note_request(request: Request) -> None:
-        if not request.url.startswith((url, url.replace("http:", "ws:"), "data:", "blob:")):
+        if not request.url.startswith((home, home.replace("http:", "ws:"), "data:", "blob:")):
             elsewhere.append(request.url)
 
     def note_message(message: ConsoleMessage) -> None:
@@ -76,6 +82,8 @@ def visiting(browser: Browser, url: str, **context: Any) -> Iterator[Page]:
     page.on("request", note_request)
     page.on("console", note_message)
     page.on("pageerror", lambda error: errors.append(str(error)))
+    if before is not None:
+        before(page)
     try:
         page.goto(url)
         yield page

@@ -8,11 +8,13 @@ from typing import Final
 
 import msgspec
 
-from guidance.dashboard.rows import COLUMNS, KEPT_S, TICK_HZ, WRAP_S
+from guidance.dashboard.rows import COLUMNS, KEPT_S, ROW, TICK_HZ, WRAP_S
 
 #: So many rows may wait (2 s); then the page begins anew, with all that is kept.
 ROWS_MAX: Final = 2 * TICK_HZ
 ANSWERS_MAX: Final = 32
+#: What is kept goes in pieces: over a slow network a page would take one message of it all for a dead connection.
+PIECE_BYTES: Final = 5 * TICK_HZ * ROW.size
 
 _encode: Final = msgspec.json.Encoder().encode
 
@@ -74,7 +76,9 @@ class Page:
             self._fleet = None
         if self._beginning:
             self._beginning = False
-            owed += [begins(self.vehicle), ring(self.vehicle)]
+            owed.append(begins(self.vehicle))
+            kept = ring(self.vehicle)
+            owed += [kept[at : at + PIECE_BYTES] for at in range(0, len(kept), PIECE_BYTES)]
         elif self._rows:
             owed.append(b"".join(self._rows))
             self._rows = []

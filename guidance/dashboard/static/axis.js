@@ -7,11 +7,15 @@ export function roundStep(least) {
   return (times <= 1 ? 1 : times <= 2 ? 2 : times <= 5 ? 5 : 10) * power;
 }
 
+const TICKS_MAX = 20;
+
 /**
  * A linear axis around low and high.
  * @param {number} low @param {number} high @param {number} span at least so much is shown
  */
 export function linear(low, high, span) {
+  // Ticks that are told from each other, however large the figures.
+  span = Math.max(span, 1e-6 * Math.max(Math.abs(low), Math.abs(high)));
   const lack = span - (high - low);
   if (lack > 0) {
     // What does not go below zero is not shown below it.
@@ -23,7 +27,7 @@ export function linear(low, high, span) {
   const from = Math.floor(low / step + 1e-9);
   const to = Math.max(from + 1, Math.ceil(high / step - 1e-9));
   const ticks = [];
-  for (let k = from; k <= to; k++) ticks.push(k * step);
+  for (let k = 0; k <= Math.min(to - from, TICKS_MAX); k++) ticks.push((from + k) * step);
   const label = (/** @type {number} */ v) => {
     if (step >= 1e5 || step < 1e-5) return v === 0 ? "0" : v.toExponential(0);
     return v.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9))).replace("-", "−");
@@ -46,6 +50,7 @@ export function logarithmic(low, high) {
   const ticks = [];
   for (let k = from; k <= to; k += each) ticks.push(10 ** k);
   const label = (/** @type {number} */ v) => {
+    if (v < 1.5 * LEAST) return "≤1e−9";
     const power = Math.round(Math.log10(v));
     return power >= -2 && power <= 3 ? String(Number(v.toPrecision(1))) : `1e${power}`.replace("-", "−");
   };

@@ -112,7 +112,7 @@ export class Chart {
   #range(rows, first, columns) {
     let low = this.spec.zero ? 0 : Infinity;
     let high = -Infinity;
-    const least = this.spec.log ? 1e-9 : -Infinity;
+    const least = this.spec.log ? Number.MIN_VALUE : -Infinity;
     for (let i = first; i < rows.held; i++) {
       const at = rows.slot(i) * rows.width;
       for (const column of columns) {

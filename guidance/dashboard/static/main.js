@@ -12,12 +12,15 @@ import { theme } from "./theme.js";
 import { VehiclePanel } from "./vehicle.js";
 import { make, put } from "./words.js";
 
+/** What is to be seen is asked for again after so long, until rows of it begin. */
+const ASK_AGAIN_MS = 1000;
+
 const $ = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
 
-/** The vehicle that an address asks for; a hash that is no name asks for none. @param {string} hash */
-function named(hash) {
-  const name = hash.slice(1);
-  return /^[\w.-]{1,64}$/.test(name) ? name : "";
+/** Show the vehicle that the address asks for; a hash that is no name asks for none. */
+function seeNamed() {
+  const name = location.hash.slice(1);
+  if (/^[\w.-]{1,64}$/.test(name)) see(name);
 }
 
 const rows = new Rows();
@@ -26,11 +29,16 @@ const scene = new Scene($("scene"));
 const panel = new VehiclePanel();
 const events = new Events($("event-list"), $("events-all"));
 const fleet = new FleetTable($("fleet"), see);
-const orders = new Orders((message) => live.send(message));
+const orders = new Orders((message, fresh) => live.send(message, fresh));
 let windowS = 60;
-let shown = named(location.hash);
+/** The vehicle that is chosen, and the one whose rows come: not the same while the server has not heard of it. */
+let shown = "";
+let begun = "";
+let askedMs = -Infinity;
 /** @type {any[]} */
 let seen = [];
+/** @type {any[]} */
+let notes = [];
 
 /** How drawing goes, for who measures. */
 const drawn = { frames: 0, ms: 0, worst: 0 };
@@ -53,34 +61,72 @@ redraw.atMs = 0;
 function draw() {
   pending = false;
   const atMs = (redraw.atMs = performance.now());
-  charts.draw(rows, windowS);
-  scene.draw(rows, windowS);
-  panel.readings(rows, shownNow());
+  apart(() => charts.draw(rows, windowS));
+  apart(() => scene.draw(rows, windowS));
+  apart(() => panel.readings(rows, shownNow()));
   lastMs = performance.now() - atMs;
   drawn.frames += 1;
   drawn.ms += lastMs;
   drawn.worst = Math.max(drawn.worst, lastMs);
 }
 
+/** What fails to be drawn takes nothing else with it; each failure is told once. @param {() => void} part */
+function apart(part) {
+  try {
+    part();
+  } catch (error) {
+    if (!apart.told.has(String(error))) console.error(error);
+    apart.told.add(String(error));
+  }
+}
+apart.told = new Set();
+
 const shownNow = () => seen.find(({ vehicle }) => vehicle === shown);
 
-/** @param {string} vehicle */
+/** Nothing of another vehicle stays under this one's name. @param {string} vehicle */
 function see(vehicle) {
-  if (vehicle === shown && rows.width) return;
-  shown = vehicle;
-  history.replaceState(null, "", `#${encodeURIComponent(vehicle)}`);
-  live.send({ ask: "see", vehicle });
-  showFleet();
+  if (vehicle !== shown) {
+    shown = vehicle;
+    begun = "";
+    history.replaceState(null, "", `#${encodeURIComponent(vehicle)}`);
+    orders.turn(vehicle);
+    rows.begin(Object.keys(rows.at), rows.wrapS, rows.capacity);
+    scene.reset();
+    detail({});
+    showFleet();
+    draw();
+  }
+  if (begun !== shown) ask();
+}
+
+function ask() {
+  askedMs = performance.now();
+  live.send({ ask: "see", vehicle: shown });
+}
+
+/** @param {any} about what is known in full; empty is nothing */
+function detail(about) {
+  panel.detail(about);
+  scene.fence = about.fence ?? null;
+  scene.origin = about.origin ?? null;
+  document.body.classList.toggle("fenced", Boolean(about.fence?.corners.length));
 }
 
 function showFleet() {
   fleet.show(seen, shown);
+  events.show(notes, shown);
   const one = shownNow();
+  $("vehicle").hidden = !one;
+  $("absent").hidden = Boolean(one) || !seen.length || !shown;
+  put($("absent"), `${shown} is not heard. Choose a vehicle of the fleet, or wait for it.`);
+  let spoken = "";
   if (one) {
     panel.show(one);
     orders.emphasise(one.contact === "live" ? one.state ?? "" : "");
+    spoken = `${one.vehicle} ${one.contact === "live" ? one.state ?? "" : one.contact}`;
   }
-  document.title = one ? `${one.vehicle} ${one.contact === "live" ? one.state ?? "" : one.contact} – guidance` : "guidance";
+  document.title = spoken ? `${spoken} – guidance` : "guidance";
+  put($("spoken"), spoken);
 }
 
 /** @type {Record<string, (said: any) => void>} */
@@ -92,12 +138,13 @@ const take = {
   },
   fleet(said) {
     seen = said.fleet;
+    notes = said.notes;
     orders.heardAtS = said.at_s;
     $("nobody").hidden = seen.length > 0;
     $("fleet").hidden = !seen.length;
     if (seen.length && !shown) see(seen[0].vehicle);
+    if (begun !== shown && performance.now() - askedMs > ASK_AGAIN_MS) ask();
     showFleet();
-    events.show(said.notes, shown);
     const live = seen.filter(({ contact }) => contact === "live").length;
     const zenoh = said.trouble ? `zenoh: ${said.trouble}` : said.neighbours ? "" : ", no zenoh neighbour";
     put($("network"), said.trouble ? zenoh : `${live} of ${seen.length} vehicle${seen.length === 1 ? "" : "s"} heard${zenoh}`);
@@ -105,18 +152,14 @@ const take = {
     ignored(said.ignored);
   },
   begin(said) {
-    rows.begin(said.columns, said.wrap_s, said.rows);
-    if (said.vehicle !== scene.vehicle) scene.reset();
-    scene.vehicle = said.vehicle;
+    begun = said.vehicle;
+    if (begun === shown) rows.begin(said.columns, said.wrap_s, said.rows);
   },
   about(said) {
     if (said.vehicle !== shown) return;
-    panel.detail(said);
+    detail(said);
     orders.show(said);
     charts.show(said.session?.profile ?? "");
-    scene.fence = said.fence;
-    scene.origin = said.origin;
-    document.body.classList.toggle("fenced", Boolean(said.fence?.corners.length));
   },
   plan(said) {
     if (said.vehicle === shown) scene.plan = said;
@@ -139,18 +182,20 @@ function ignored(kinds) {
 const live = connect({
   said: (said) => take[said.kind]?.(said),
   rows(came) {
+    if (begun !== shown) return;
     rows.take(came);
     redraw();
   },
-  trouble(text) {
-    const alarm = $("alarm");
+  trouble(text, forS) {
     document.body.classList.toggle("old", Boolean(text));
-    if (alarm.hidden !== !text) alarm.hidden = !text;
-    put(alarm, text);
+    if ($("alarm").hidden !== !text) $("alarm").hidden = !text;
+    put($("alarm-what"), text);
+    put($("alarm-for"), text && `Silent for ${Math.round(forS)} s; the page keeps trying.`);
     if (!rows.fresh()) redraw();
   },
   open() {
-    if (shown) live.send({ ask: "see", vehicle: shown });
+    begun = "";
+    if (shown) ask();
   },
   lost: () => orders.lost(),
 });
@@ -164,5 +209,8 @@ $("window").addEventListener("click", (/** @type {MouseEvent} */ event) => {
   for (const button of $("window").children) button.setAttribute("aria-pressed", String(button.dataset.window === chosen));
   redraw();
 });
+$("skip").onclick = () => $("status").focus();
 addEventListener("resize", redraw);
+addEventListener("hashchange", seeNamed);
 document.addEventListener("visibilitychange", redraw);
+seeNamed();

@@ -1,15 +1,23 @@
 /**
- * The buttons. Engage and load are asked for once more, here on the page, for the vehicle of the first click;
- * abort, hold and resume go at once. Nothing is kept to be sent later.
+ * The buttons; each names its vehicle. What moves it is asked for once more, here on the page, for the vehicle of
+ * the first click; abort and hold go at once. Nothing is kept to be sent later.
  */
 
-import { figure, make, put } from "./words.js";
+import { clock, figure, make, put } from "./words.js";
 
 const $ = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const ASKED_MS = 15000;
+/** An answer is news for so long. */
+const NEWS_MS = 30000;
+/** What moves a vehicle, and what is asked before. @type {Record<string, (vehicle: string, fields: any) => string>} */
+const MOVING = {
+  engage: (vehicle) => `Engage ${vehicle}? It takes control and moves.`,
+  resume: (vehicle) => `Resume ${vehicle}? It moves on along its path.`,
+  load: (vehicle, { trajectory }) => `Load ${trajectory.name} into ${vehicle}?`,
+};
 
 export class Orders {
-  /** @param {(message: object) => boolean} send */
+  /** @param {(message: object, fresh: boolean) => boolean} send */
   constructor(send) {
     this.send = send;
     this.vehicle = "";
@@ -24,9 +32,10 @@ export class Orders {
     /** @type {{vehicle: string, verb: string, fields: object}|null} */
     this.asked = null;
     this.timer = 0;
+    this.fading = 0;
     $("orders").addEventListener("click", (event) => {
-      const verb = /** @type {HTMLElement} */ (event.target).dataset.verb;
-      if (verb) this.#clicked(verb);
+      const button = /** @type {HTMLElement} */ (event.target).closest("button");
+      if (button?.dataset.verb) this.#clicked(button.dataset.verb);
     });
     $("confirm-yes").onclick = () => {
       const { asked } = this;
@@ -34,6 +43,11 @@ export class Orders {
       if (asked) this.#order(asked.vehicle, asked.verb, asked.fields);
     };
     $("confirm-no").onclick = () => this.#forget();
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") this.#forget();
+    });
+    // What was asked about is no longer what the form says.
+    $("load").addEventListener("input", () => this.#forget());
     $("load").addEventListener("submit", (event) => {
       event.preventDefault();
       this.#ask("load", { trajectory: this.#trajectory() });
@@ -46,15 +60,22 @@ export class Orders {
     this.trajectories = said.trajectories;
   }
 
-  /** Another vehicle, or what is known of this one. @param {any} about */
+  /** Another vehicle is shown: no buttons until it is known whether it takes orders. @param {string} vehicle */
+  turn(vehicle) {
+    this.#forget();
+    this.#closeForm();
+    this.vehicle = vehicle;
+    this.current = {};
+    $("orders").hidden = $("no-orders").hidden = true;
+    for (const whom of $("orders").querySelectorAll(".whom")) put(whom, vehicle);
+    clearTimeout(this.fading);
+    put($("answer"), "");
+    $("answer").className = "";
+  }
+
+  /** What is known of the vehicle. @param {any} about */
   show(about) {
-    if (about.vehicle !== this.vehicle) {
-      this.vehicle = about.vehicle;
-      this.#forget();
-      this.#closeForm();
-      put($("answer"), "");
-      $("answer").className = "";
-    }
+    if (about.vehicle !== this.vehicle) return;
     const on = this.allowed && about.commands;
     $("orders").hidden = !on;
     if (!on) {
@@ -92,7 +113,7 @@ export class Orders {
   /** @param {string} verb */
   #clicked(verb) {
     if (verb === "load") this.#toggleForm();
-    else if (verb === "engage") this.#ask(verb, {});
+    else if (verb in MOVING) this.#ask(verb, {});
     else {
       this.#forget();
       this.#order(this.vehicle, verb, {});
@@ -103,9 +124,9 @@ export class Orders {
   #ask(verb, fields) {
     const { vehicle } = this;
     this.asked = { vehicle, verb, fields };
-    const what = verb === "engage" ? `Engage ${vehicle}? It takes control and moves.` : `Load ${fields.trajectory.name} into ${vehicle}?`;
-    put($("confirm").children[0], what);
-    put($("confirm-yes"), verb === "engage" ? `Engage ${vehicle}` : `Load ${fields.trajectory.name}`);
+    put($("confirm-question"), MOVING[verb](vehicle, fields));
+    put($("confirm-values"), verb === "load" ? this.#filledIn() : "");
+    put($("confirm-yes"), `${verb[0].toUpperCase()}${verb.slice(1)} ${verb === "load" ? fields.trajectory.name : vehicle}`);
     $("confirm").hidden = false;
     $("confirm-no").focus();
     clearTimeout(this.timer);
@@ -113,7 +134,8 @@ export class Orders {
   }
 
   #forget() {
-    const back = $("confirm").contains(document.activeElement) && this.asked ? $(`order-${this.asked.verb}`) : null;
+    if (!this.asked) return;
+    const back = $("confirm").contains(document.activeElement) ? $(`order-${this.asked.verb}`) : null;
     this.asked = null;
     clearTimeout(this.timer);
     $("confirm").hidden = true;
@@ -123,7 +145,7 @@ export class Orders {
   /** @param {string} vehicle @param {string} verb @param {object} fields */
   #order(vehicle, verb, fields) {
     const number = ++this.number;
-    if (!this.send({ ask: "order", vehicle, verb, number, as_of_s: this.heardAtS, fields })) {
+    if (!this.send({ ask: "order", vehicle, verb, number, as_of_s: this.heardAtS, fields }, verb in MOVING)) {
       this.#say(`${vehicle}: ${verb} was NOT sent: no connection to the dashboard's server`, "refused");
       return;
     }
@@ -136,7 +158,9 @@ export class Orders {
   #say(text, outcome) {
     const answer = $("answer");
     answer.className = outcome.replace(" ", "-");
-    put(answer, text);
+    put(answer, `${clock(Date.now() / 1000)} ${text}`);
+    clearTimeout(this.fading);
+    if (outcome !== "waiting") this.fading = setTimeout(() => { answer.className = ""; }, NEWS_MS);
   }
 
   #toggleForm() {
@@ -181,6 +205,15 @@ export class Orders {
     const submit = /** @type {HTMLButtonElement} */ (make("button", "", "Load…"));
     submit.type = "submit";
     $("load").replaceChildren(label, ...inputs, submit);
+  }
+
+  /** The form's values in words. */
+  #filledIn() {
+    const inputs = /** @type {NodeListOf<HTMLInputElement>} */ ($("load").querySelectorAll("input"));
+    return [...inputs].map((input) => {
+      const value = input.type === "checkbox" ? (input.checked ? "yes" : "no") : String(input.valueAsNumber);
+      return `${input.parentElement?.textContent}: ${value}`;
+    }).join("; ");
   }
 
   #trajectory() {

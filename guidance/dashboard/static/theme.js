@@ -10,11 +10,20 @@ function read() {
   for (const name of NAMES) colours[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
+/** Some browsers keep nothing, and say so by an error. @param {() => string|null|void} act */
+function perhaps(act) {
+  try {
+    return act();
+  } catch {
+    return null;
+  }
+}
+
 /** @param {HTMLButtonElement} button @param {() => void} changed */
 export function theme(button, changed) {
   const root = document.documentElement;
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const kept = localStorage.getItem("theme");
+  const kept = perhaps(() => localStorage.getItem("theme"));
   if (kept === "light" || kept === "dark") root.dataset.theme = kept;
   const show = () => {
     read();
@@ -22,8 +31,8 @@ export function theme(button, changed) {
   };
   button.onclick = () => {
     const isDark = root.dataset.theme ? root.dataset.theme === "dark" : dark.matches;
-    root.dataset.theme = isDark ? "light" : "dark";
-    localStorage.setItem("theme", root.dataset.theme);
+    const chosen = (root.dataset.theme = isDark ? "light" : "dark");
+    perhaps(() => localStorage.setItem("theme", chosen));
     show();
   };
   dark.onchange = show;

@@ -59,11 +59,12 @@ export class VehiclePanel {
     put($("state").children[0], glyph);
     put($("state-word"), word + remarks(seen));
     const sentence = STATES[seen.state ?? ""]?.[2] ?? "";
-    const reason = seen.reason ? `${sentence ? `${sentence}: ` : ""}${seen.reason}` : sentence;
+    const [title, said] = BLOCKS.get(seen.state ?? "") ?? ["", ""];
+    const below = Boolean(title) && !said; // the reason is what blocks
+    const reason = seen.reason && !below ? `${sentence ? `${sentence}: ` : ""}${seen.reason}` : sentence;
     put($("reason"), live ? reason || "It publishes nothing that this version reads." : `Last said: ${seen.state ?? "nothing"}${seen.reason ? `, ${seen.reason}` : ""}`);
     const blocks = $("blocks");
     blocks.hidden = !live || !BLOCKS.has(seen.state ?? "");
-    const [title, said] = BLOCKS.get(seen.state ?? "") ?? ["", ""];
     put(blocks.children[0], title);
     put(blocks.children[1], said || seen.reason || "It does not say.");
     const veil = $("veil");

@@ -1,4 +1,4 @@
-"""The dashboard's server as a page meets it, in the hands of a test: it says what the test says, when it says it.
+"""The dashboard's server as a page meets it, in the hands of a test: it says what the test says, and when.
 
 The page's clock stands, and goes on as the test lets it: what takes seconds takes none.
 """
@@ -28,8 +28,14 @@ TURN_MS: Final = 50
 def seen(vehicle: str, state: str = "tracking", **more: object) -> dict[str, object]:
     """A vehicle as the fleet is told of it."""
     return {
-        **{"vehicle": vehicle, "contact": "live", "quiet_s": 0.0, "state": state, "reason": None},
-        **{"versions": [], "doubled": False, **more},
+        "vehicle": vehicle,
+        "contact": "live",
+        "quiet_s": 0.0,
+        "state": state,
+        "reason": None,
+        "versions": [],
+        "doubled": False,
+        **more,
     }
 
 
@@ -66,8 +72,13 @@ class Script:
     def tell(self) -> None:
         """The fleet, as 5 times a second."""
         self.say(
-            **{"kind": "fleet", "fleet": self.fleet, "notes": [], "ignored": []},
-            **{"trouble": "", "neighbours": 1, "at_s": 7.0},
+            kind="fleet",
+            fleet=self.fleet,
+            notes=[],
+            ignored=[],
+            trouble="",
+            neighbours=1,
+            at_s=7.0,
         )
 
     def begin(self, vehicle: str) -> None:
@@ -83,7 +94,11 @@ class Script:
 
     def about(self, vehicle: str, **more: object) -> None:
         self.say(
-            **{"kind": "about", "vehicle": vehicle, "commands": True, "fence": None, "origin": None},
+            kind="about",
+            vehicle=vehicle,
+            commands=True,
+            fence=None,
+            origin=None,
             **{"trajectory": {"name": "circle", "radius_m": 4.0}, **more},
         )
 

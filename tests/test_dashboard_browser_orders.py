@@ -1,4 +1,4 @@
-"""What an operator must be able to rely on: which vehicle a button is of, what is sent, and that all shown is fresh."""
+"""What an operator relies on: which vehicle a button is of, what is sent, and that all that is shown is fresh."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_nothing_of_one_vehicle_stands_under_the_name_of_another_and_no_order_go
         expect(page.locator("#orders")).to_be_hidden()
         expect(page.locator("#identity")).to_be_empty()
         expect(page.locator("#cautions")).to_be_hidden()
-        assert set(page.locator("#readings b").all_inner_texts()) == {"–"}
+        assert set(page.locator("#readings b").all_inner_texts()) == {"\N{EN DASH}"}
         assert drawn_part(page, "#scene") == drawn_part(page, "#charts canvas") == 0.0
 
         script.introduce("bravo")
@@ -229,25 +229,32 @@ def test_what_cannot_be_drawn_leaves_the_rest(browser: Browser) -> None:
     broken = (
         "() => { CanvasRenderingContext2D.prototype.setLineDash = () => { throw new Error('no dashes') }; }"
     )
-    with pytest.raises(AssertionError, match="no dashes"), scripted(browser) as (script, page):
-        page.evaluate(broken)
-        script.rows(error=0.75)
-        script.flow(0.2)
-        expect(page.locator("#readings")).to_contain_text("0.750")
+
+    def show() -> None:
+        with scripted(browser) as (script, page):
+            page.evaluate(broken)
+            script.rows(error=0.75)
+            script.flow(0.2)
+            expect(page.locator("#readings")).to_contain_text("0.750")
+
+    with pytest.raises(AssertionError, match="no dashes"):  # the page logged what was wrong
+        show()
 
 
 def test_what_converged_is_drawn_as_at_most_the_least_figure(browser: Browser) -> None:
-    texts = """() => { window.texts = new Set(); const brush = CanvasRenderingContext2D.prototype, fill = brush.fillText;
+    texts = """() => { window.texts = new Set();
+        const brush = CanvasRenderingContext2D.prototype, fill = brush.fillText;
         brush.fillText = function (text, ...at) { texts.add(text); fill.call(this, text, ...at); }; }"""
     with scripted(browser) as (script, page):
         page.evaluate(texts)
         script.rows(v1=1e-13, v2=1e-5)
         script.flow(0.2)
-        assert "≤1e−9" in page.evaluate("[...texts]")
+        assert "≤1e\N{MINUS SIGN}9" in page.evaluate("[...texts]")
 
 
 def test_a_browser_that_keeps_nothing_shows_all_the_same(browser: Browser) -> None:
-    denied = """Object.defineProperty(window, "localStorage", { get() { throw new DOMException("denied", "SecurityError"); } });"""
+    denied = """Object.defineProperty(window, "localStorage", {
+        get() { throw new DOMException("denied", "SecurityError"); } });"""
     script = Script()
 
     def deny(page: Page) -> None:

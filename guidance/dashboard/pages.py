@@ -13,7 +13,7 @@ from guidance.dashboard.rows import COLUMNS, KEPT_S, ROW, TICK_HZ, WRAP_S
 #: So many rows may wait (2 s); then the page begins anew, with all that is kept.
 ROWS_MAX: Final = 2 * TICK_HZ
 ANSWERS_MAX: Final = 32
-#: What is kept goes in pieces: over a slow network a page would take one message of it all for a dead connection.
+#: What is kept goes in pieces: one message of it all, over a slow network, would look like a dead connection.
 PIECE_BYTES: Final = 5 * TICK_HZ * ROW.size
 
 _encode: Final = msgspec.json.Encoder().encode

@@ -1,4 +1,4 @@
-"""What an operator relies on: which vehicle a button is of, what is sent, and that all that is shown is fresh."""
+"""What an operator relies on: which vehicle a button is of, what is sent, that all that is shown is fresh."""
 
 from __future__ import annotations
 

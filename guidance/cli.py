@@ -13,7 +13,7 @@ from rich.console import Console
 
 from guidance import __version__
 from guidance.command_cli import command
-from guidance.completion import setting
+from guidance.completion import Overrides
 from guidance.dashboard_cli import dashboard
 from guidance.demo_cli import demo
 from guidance.entry import complain, enter, refused
@@ -47,11 +47,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-_SET_HELP = "Override a configuration key, such as law.k=0.5 (repeatable)."
-Overrides = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=_SET_HELP, autocompletion=setting)
-]
 
 
 def _refuse(text: object) -> typer.Exit:

@@ -6,6 +6,7 @@ Each function takes the word as far as it is typed. What is slow to import is im
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from typing import Annotated
 
 import typer
 from msgspec import inspect as types
@@ -32,6 +33,18 @@ def setting(incomplete: str) -> list[str]:
     if not equals:
         return starting((f"{name}=" for name in known), incomplete)
     return starting((f"{key}={value}" for value in known.get(key, ())), incomplete)
+
+
+#: The option of every command that reads a configuration.
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a configuration key, such as law.k=0.5 (repeatable).",
+        autocompletion=setting,
+    ),
+]
 
 
 def trajectory(incomplete: str) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from guidance.completion import setting
+from guidance.completion import Overrides
 from guidance.completion import trajectory as trajectories
 from guidance.entry import complain, refused
 
@@ -28,15 +28,7 @@ def demo(
             metavar="NAME", help="helix, circle, line, zigzag or lemniscate.", autocompletion=trajectories
         ),
     ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Override a configuration key, such as law.k=0.5 (repeatable).",
-            autocompletion=setting,
-        ),
-    ] = None,
+    overrides: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON on stdout.")] = False,
     dashboard: Annotated[
         bool, typer.Option("--dashboard", help="Show it on a page and take orders there; it is not judged.")

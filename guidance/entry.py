@@ -8,12 +8,18 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Final, NoReturn, cast
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NoReturn, cast
 
 import typer
 
 from guidance.journal import tell
 from guidance.records import Level
+
+if TYPE_CHECKING:
+    from guidance.replacing import Fill
 
 DONE: Final = 0
 FAILED: Final = 1
@@ -35,6 +41,35 @@ def refused(program: str, text: object) -> typer.Exit:
     """To be raised where usage or configuration is wrong."""
     complain(program, text)
     return typer.Exit(WRONG)
+
+
+def failed(program: str, text: object) -> typer.Exit:
+    """To be raised where it did not work out."""
+    complain(program, text)
+    return typer.Exit(FAILED)
+
+
+@contextmanager
+def output_file(program: str, path: Path) -> Iterator[Fill]:
+    """What fills the file: see `replacing`, whose errors become exits. A log in its place is wrong usage;
+    what cannot be written has failed."""
+    from guidance.replacing import LogInTheWayError, replacing
+
+    with ExitStack() as files:
+        try:
+            fill = files.enter_context(replacing(path))
+        except LogInTheWayError as error:
+            raise refused(program, error) from None
+        except ValueError as error:
+            raise failed(program, error) from None
+
+        def filled(write: Callable[[Path], object]) -> None:
+            try:
+                fill(write)
+            except OSError as error:
+                raise failed(program, error) from None
+
+        yield filled
 
 
 def enter(app: typer.Typer, program: str) -> NoReturn:

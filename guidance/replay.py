@@ -79,8 +79,9 @@ def replay(path: Path, tolerance: float = 0.0, passed: Passed | None = None) -> 
 
     Of a run whose log went on in further files any one may be given: all are replayed, from the first on.
     """
-    lines = lines_of(path, passed)
-    settings = _configuration(path, lines)
+    messages = lines_of(path, passed)
+    settings = _configuration(path, messages)
+    lines = UntilDamage(messages)
     signed = bool(settings.link.signing_key_file)
     guide = Guide(settings, Signing(None, settings.link.signing_link_id) if signed else None)
     encode = msgspec.json.Encoder().encode
@@ -92,9 +93,7 @@ def replay(path: Path, tolerance: float = 0.0, passed: Passed | None = None) -> 
     difference: Difference | None = None
     stopped = ""
     for topic, payload in lines:
-        if topic == "":
-            stopped = payload.decode()
-        elif topic == TOPICS[Lost]:
+        if topic == TOPICS[Lost]:
             stopped = "the recorder had to drop records here; what entered the core after this is not known"
         elif topic == TOPICS[Input]:
             if pending:
@@ -136,37 +135,49 @@ def replay(path: Path, tolerance: float = 0.0, passed: Passed | None = None) -> 
         if stopped:
             break
     else:
-        if pending:
-            stopped = "the log ends in the middle of an input's records"
+        stopped = lines.damage or ("the log ends in the middle of an input's records" if pending else "")
     return Replay(inputs, compared, setpoints, tracked, (last_ns - first_ns) * 1e-9, difference, stopped)
 
 
+class UntilDamage:
+    """Messages of a log as far as it goes; `damage` then says where and why it ended early, if it did."""
+
+    def __init__(self, messages: Iterator[tuple[str, bytes]]) -> None:
+        self._messages = messages
+        self.damage = ""
+
+    def __iter__(self) -> Iterator[tuple[str, bytes]]:
+        try:
+            yield from self._messages
+        except LogDamaged as error:
+            self.damage = str(error)
+
+
 def lines_of(path: Path, passed: Passed | None = None) -> Iterator[tuple[str, bytes]]:
-    """The run's messages; an early or damaged end becomes a last line without a topic that says so."""
+    """The run's messages, see `read_run`; ReplayError if its beginning is not there or damaged."""
     try:
-        yield from read_run(path, passed)
-    except PartMissing as error:
+        return read_run(path, passed)
+    except (PartMissing, LogDamaged) as error:
         raise ReplayError(str(error)) from None
-    except LogDamaged as error:
-        yield "", str(error).encode()
 
 
 def session_of(path: Path, lines: Iterator[tuple[str, bytes]]) -> Session:
     """The run's first record; ReplayError if it is none, or of another schema."""
-    for topic, payload in lines:
-        if topic == TOPICS[Session]:
-            try:
-                wrote = msgspec.json.decode(payload, type=_Wrote)
-                if wrote.schema_version != SCHEMA_VERSION:
-                    raise ReplayError(
-                        f"{path}: its records have schema version {wrote.schema_version}, not "
-                        f"{SCHEMA_VERSION}: use guidance {wrote.guidance_version}, which wrote it"
-                    )
-                return msgspec.json.decode(payload, type=Session)
-            except NOT_A_RECORD as error:
-                raise ReplayError(f"{path}: its session record cannot be used: {error}") from None
-        break
-    raise ReplayError(f"{path}: does not begin with a session record; is it a log of this service?")
+    try:
+        topic, payload = next(lines, ("", b""))
+        if topic != TOPICS[Session]:
+            raise ReplayError(f"{path}: does not begin with a session record; is it a log of this service?")
+        wrote = msgspec.json.decode(payload, type=_Wrote)
+        if wrote.schema_version != SCHEMA_VERSION:
+            raise ReplayError(
+                f"{path}: its records have schema version {wrote.schema_version}, not {SCHEMA_VERSION}: "
+                f"use guidance {wrote.guidance_version}, which wrote it"
+            )
+        return msgspec.json.decode(payload, type=Session)
+    except LogDamaged as error:
+        raise ReplayError(str(error)) from None
+    except NOT_A_RECORD as error:
+        raise ReplayError(f"{path}: its session record cannot be used: {error}") from None
 
 
 def _configuration(path: Path, lines: Iterator[tuple[str, bytes]]) -> config.Config:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from guidance.completion import setting
-from guidance.entry import refused
+from guidance.entry import output_file, refused
+from guidance.printable import printable
 from guidance.progress import reading
 from guidance.report_cli import flights_of, without_extra, write
+
+if TYPE_CHECKING:
+    from guidance.what_if import Comparison
 
 
 def replay(
@@ -84,9 +88,9 @@ def _again(log: Path, tolerance: float, *, as_json: bool) -> int:
         f"{found.setpoints} setpoints, {found.tracked} of them tracking"
     )
     if found.stopped:
-        console.print(f"stopped early: {found.stopped}", markup=False)
+        console.print(printable(f"stopped early: {found.stopped}"), markup=False)
     if found.difference is not None:
-        console.print(f"first difference {found.difference}", markup=False)
+        console.print(printable(f"first difference {found.difference}"), markup=False)
     elif found.tracked == 0:
         console.print("nothing was tracked in this log, so nothing of the law was compared")
     elif found.identical:
@@ -112,6 +116,23 @@ def _again(log: Path, tolerance: float, *, as_json: bool) -> int:
 def _compare(
     log: Path, config: Path | None, overrides: list[str], report: Path | None, *, as_json: bool
 ) -> int:
+    if report is None:
+        return 0 if _compared(log, config, overrides, as_json=as_json).t_ns else 1
+    try:
+        from guidance.report.comparison import drawn
+        from guidance.report.page import page
+    except ModuleNotFoundError as error:
+        raise without_extra(error) from None
+    with output_file("guidance", report) as fill:
+        found = _compared(log, config, overrides, as_json=as_json)
+        shown = flights_of([log])
+        name = "the changed settings" if config is None else config.name
+        write(fill, report, page(shown, drawn(found, shown[0].flight, name)))
+    return 0 if found.t_ns else 1
+
+
+def _compared(log: Path, config: Path | None, overrides: list[str], *, as_json: bool) -> Comparison:
+    """The comparison, once all that is found has been said."""
     from guidance.config import ConfigError
     from guidance.replay import ReplayError
     from guidance.telemetry.log import NotALog
@@ -126,38 +147,24 @@ def _compare(
     log_s, count = found.flight_s, len(found.t_ns)
     console.print(f"{log_s:.1f} s of log, {found.inputs} inputs; commands compared at {count} instants")
     if found.stopped:
-        console.print(f"stopped early: {found.stopped}")
+        console.print(f"stopped early: {printable(found.stopped)}")
     if found.refused:
-        console.print(f"the other configuration would not have engaged: {found.refused}")
+        console.print(f"the other configuration would not have engaged: {printable(found.refused)}")
+    if found.asked_otherwise:
+        console.print(found.asked_otherwise)
     for one in found.differences:
         console.print(
-            f"  {one.channel:<15} RMS {one.rms:9.4g}   largest {one.largest:9.4g} {one.unit:<5} "
+            f"  {one.channel:<19} RMS {one.rms:9.4g}   largest {one.largest:9.4g} {one.unit:<5} "
             f"after {one.largest_at_s:.1f} s"
         )
     if found.t_ns:
-        parts = (100.0 * count / len(found.t_ns) for count in (found.saturated_flown, found.saturated_other))
-        console.print("  at a limit      flown {:.1f} %, other {:.1f} %".format(*parts))
+        parts = (100.0 * at_limit / count for at_limit in (found.saturated_flown, found.saturated_other))
+        console.print("  at a limit          flown {:.1f} %, other {:.1f} %".format(*parts))
     for parting in found.partings if not found.refused else ():
-        console.print(
-            f"  after {parting.at_s:.1f} s flown: {parting.flown}, other: {parting.other}, "
-            f"{parting.other_reason}"
-        )
-    if report is not None:
-        _report(log, config, found, report)
+        flown, other, why = map(printable, (parting.flown, parting.other, parting.other_reason))
+        console.print(f"  after {parting.at_s:.1f} s flown: {flown}, other: {other}, {why}")
+    if found.partings_more and not found.refused:
+        console.print(f"  and part or meet {found.partings_more} times more")
     if as_json:
         typer.echo(json.dumps(found.as_json()))
-    return 0 if found.t_ns else 1
-
-
-def _report(log: Path, config: Path | None, found: object, output: Path) -> None:
-    from guidance.what_if import Comparison
-
-    try:
-        from guidance.report.comparison import drawn
-        from guidance.report.page import page
-    except ModuleNotFoundError as error:
-        raise without_extra(error) from None
-    assert isinstance(found, Comparison)
-    shown = flights_of([log])
-    name = "the changed settings" if config is None else config.name
-    write(output, page(shown, drawn(found, shown[0].flight, name)))
+    return found

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from guidance.entry import FAILED, complain, refused
+from guidance.entry import failed, output_file, refused
 from guidance.journal import tell
 from guidance.progress import reading
 from guidance.records import Level
 
 if TYPE_CHECKING:
+    from guidance.replacing import Fill
     from guidance.report.panels import Shown
 
 #: What the extra `report` brings.
 EXTRA = frozenset({"numpy", "plotly", "matplotlib"})
-
-
-def failed(text: object) -> typer.Exit:
-    """The exit to raise for what did not work out, which is said."""
-    complain("guidance", text)
-    return typer.Exit(FAILED)
 
 
 def without_extra(error: ModuleNotFoundError) -> typer.Exit:
@@ -47,6 +43,7 @@ def report(
         float | None,
         typer.Option(
             min=1e-6,
+            max=1e6,
             help="Converged is an error below this for good, m; else as its class.",
             show_default=False,
         ),
@@ -71,14 +68,25 @@ def report(
     try:
         from guidance.report.judged import as_json as json_of
         from guidance.report.page import page
+
+        if png is not None:
+            from guidance.report import plots
     except ModuleNotFoundError as error:
         raise without_extra(error) from None
-    shown = flights_of(logs, converged)
-    write(output, page(shown))
+    with ExitStack() as files:
+        fill = files.enter_context(output_file("guidance", output))
+        if png is not None:
+            _check_images(png)
+        shown = flights_of(logs, converged)
+        if as_json:
+            typer.echo(json.dumps(json_of([(one.flight, one.figures) for one in shown])))
+        write(fill, output, page(shown))
     if png is not None:
-        draw(shown, png)
-    if as_json:
-        typer.echo(json.dumps(json_of([(one.flight, one.figures) for one in shown])))
+        try:
+            made = plots.write(shown, png)
+        except (OSError, ValueError) as error:
+            raise failed("guidance", error) from None
+        tell(Level.INFO, "guidance", f"{png}: {', '.join(path.name for path in made)}")
 
 
 def flights_of(logs: list[Path], converged_m: float | None = None) -> list[Shown]:
@@ -91,7 +99,7 @@ def flights_of(logs: list[Path], converged_m: float | None = None) -> list[Shown
         with reading("guidance report") as passed:
             shown = read_all(logs, converged_m, passed)
     except NoFlightError as error:
-        raise failed(error) from None
+        raise failed("guidance", error) from None
     except (NotALog, ReportError) as error:
         raise refused("guidance", error) from None
     for one in shown:
@@ -100,21 +108,22 @@ def flights_of(logs: list[Path], converged_m: float | None = None) -> list[Shown
     return shown
 
 
-def write(path: Path, text: str) -> None:
+def write(fill: Fill, path: Path, text: str) -> None:
     """The HTML file, and a line on stderr that says where; Exit 1 if it cannot be written."""
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise failed(f"{path}: cannot be written: {error.strerror}") from None
-    tell(Level.INFO, "guidance", f"{path}: {len(text.encode()) / 1e6:.1f} MB")
+    content = text.encode()
+    fill(lambda part: part.write_bytes(content))
+    tell(Level.INFO, "guidance", f"{path}: {len(content) / 1e6:.1f} MB")
 
 
-def draw(shown: list[Shown], directory: Path) -> None:
-    """The images; Exit 1 if they cannot be written."""
-    from guidance.report import plots
+def _check_images(directory: Path) -> None:
+    """Exit 1 if no images can be written there, 2 if a log has the name of one; before all the work."""
+    from guidance.replacing import LogInTheWayError, refuse_log
 
     try:
-        made = plots.write(shown, directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        for path in directory.glob("*.png"):
+            refuse_log(path)
     except OSError as error:
-        raise failed(f"{directory}: cannot be written: {error.strerror}") from None
-    tell(Level.INFO, "guidance", f"{directory}: {', '.join(path.name for path in made)}")
+        raise failed("guidance", f"{directory}: cannot be written: {error.strerror}") from None
+    except LogInTheWayError as error:
+        raise refused("guidance", error) from None

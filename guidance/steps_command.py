@@ -12,6 +12,7 @@ from rich.console import Console
 
 from guidance.config import Config, ConfigError, load
 from guidance.records import Record
+from guidance.replacing import Fill
 from guidance.steps_flight import fly
 from guidance.steps_log import NoStepsError, read_log, results_of
 from guidance.steps_plan import planned, proposed
@@ -33,7 +34,7 @@ def fly_and_tell(
     overrides: Sequence[str],
     speed_m_s: float | None,
     wait_s: float,
-    output: Path | None,
+    output: Fill | None,
     *,
     yes: bool,
     as_json: bool,
@@ -61,7 +62,7 @@ def fly_and_tell(
     return told(plan.config, conductor.records(), output, as_json=as_json)
 
 
-def tell_of_log(path: Path, output: Path | None, *, as_json: bool) -> int:
+def tell_of_log(path: Path, output: Fill | None, *, as_json: bool) -> int:
     """Of a flight that was logged; the exit status."""
     try:
         config, records = read_log(path)
@@ -71,7 +72,7 @@ def tell_of_log(path: Path, output: Path | None, *, as_json: bool) -> int:
     return told(config, records, output, as_json=as_json)
 
 
-def told(config: Config, records: Iterable[Record], output: Path | None, *, as_json: bool) -> int:
+def told(config: Config, records: Iterable[Record], output: Fill | None, *, as_json: bool) -> int:
     """Identify and propose: the report on stdout, with JSON there on stderr; 0 if nothing was refused."""
     results = results_of(config, records)
     found = [isinstance(result, Identified) for result in results.values()]
@@ -82,11 +83,7 @@ def told(config: Config, records: Iterable[Record], output: Path | None, *, as_j
     if as_json:
         sys.stdout.write(json.dumps(json_of(results, lines)) + "\n")
     if output is not None and lines:
-        try:
-            output.write_text(toml(lines), encoding="utf-8")
-        except OSError as error:
-            _say(f"guidance tune: {output}: cannot be written: {error.strerror}")
-            return 1
+        output(lambda part: part.write_text(toml(lines), encoding="utf-8"))
     return 0 if all(found) else 1
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from guidance.completion import setting
-from guidance.entry import refused
+from guidance.completion import Overrides
+from guidance.entry import output_file, refused
 
 
 def tune(
@@ -16,15 +17,7 @@ def tune(
         Path | None,
         typer.Option("--config", "-c", metavar="FILE", help="The TOML configuration."),
     ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Override a configuration key (repeatable).",
-            autocompletion=setting,
-        ),
-    ] = None,
+    overrides: Overrides = None,
     log: Annotated[
         Path | None, typer.Option(metavar="LOG.mcap", help="Fly nothing: identify again from this log.")
     ] = None,
@@ -59,10 +52,12 @@ def tune(
     """
     from guidance.steps_command import fly_and_tell, tell_of_log
 
-    if log is not None and config is None:
-        status = tell_of_log(log, output, as_json=as_json)
-    elif config is not None and log is None:
-        status = fly_and_tell(config, overrides or (), speed, wait, output, yes=yes, as_json=as_json)
-    else:
+    if (log is None) == (config is None):
         raise refused("guidance", "say what to fly (--config FILE) or what was flown (--log LOG.mcap)")
+    with nullcontext() if output is None else output_file("guidance tune", output) as fill:
+        if log is not None:
+            status = tell_of_log(log, fill, as_json=as_json)
+        else:
+            assert config is not None
+            status = fly_and_tell(config, overrides or (), speed, wait, fill, yes=yes, as_json=as_json)
     raise typer.Exit(status)

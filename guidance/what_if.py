@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from array import array
 from collections.abc import Callable, Sequence
-from math import asin, atan2, degrees, sqrt
+from math import isfinite, sqrt
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -18,17 +18,17 @@ import msgspec
 from msgspec.structs import replace
 
 from guidance.checking import override, problems
+from guidance.commanded import channels_of
 from guidance.config import Config, ConfigError, checked, from_json, load, profile_of, to_json
 from guidance.core import Guide
-from guidance.mavlink.profiles import Asked, Handling
 from guidance.mavlink.signing import Signing
-from guidance.record import Wxyz
 from guidance.records import NOT_A_RECORD, TOPICS, Input, Lost, Setpoint, Status
-from guidance.replay import ReplayError, lines_of, session_of
+from guidance.replay import ReplayError, UntilDamage, lines_of, session_of
 from guidance.telemetry.log import Passed
 
 #: So many partings are told.
 PARTINGS_MOST: Final = 20
+_READ: Final = {TOPICS[kind]: kind for kind in (Input, Lost, Setpoint, Status)}
 
 
 class Difference(NamedTuple):
@@ -65,6 +65,7 @@ class Comparison(NamedTuple):
     """The same inputs under two configurations.
 
     `t_ns` are the instants at which both sent a setpoint of the law; `only_*` counts those at which one did.
+    `commands` are the channels that both send. `partings_more` there were beyond those that are told.
     `refused` says in words why the other never engaged, empty if it did; `stopped` why the comparison ended
     before the log.
     """
@@ -80,8 +81,19 @@ class Comparison(NamedTuple):
     only_flown: int
     only_other: int
     partings: tuple[Parting, ...]
+    partings_more: int
     refused: str
     stopped: str
+
+    @property
+    def asked_otherwise(self) -> str:
+        """In words, what is not compared because the two ask for different things; empty if they do not."""
+        flown, other = profile_of(self.flown).asked, profile_of(self.other).asked
+        if flown is other:
+            return ""
+        both = " and ".join(one.name for one in self.commands)
+        compared = f"only {both} can be compared" if both else "no channel can be compared"
+        return f"flown was asked for {flown}, the other asks for {other}: {compared}"
 
     @property
     def differences(self) -> tuple[Difference, ...]:
@@ -89,7 +101,7 @@ class Comparison(NamedTuple):
         return tuple(_difference(one, self.t_ns) for one in self.commands) if self.t_ns else ()
 
     def as_json(self) -> dict[str, Any]:
-        """For `--json`: SI units, but for angles in degrees as `unit` says."""
+        """For `--json`: SI units, but for angles in degrees as `unit` says; None for what no number holds."""
         count = len(self.t_ns)
         return {
             "inputs": self.inputs,
@@ -99,8 +111,10 @@ class Comparison(NamedTuple):
             "only_other": self.only_other,
             "saturated_part_flown": self.saturated_flown / count if count else None,
             "saturated_part_other": self.saturated_other / count if count else None,
-            "differences": [one._asdict() for one in self.differences],
+            "asked_otherwise": self.asked_otherwise,
+            "differences": [_finite(one._asdict()) for one in self.differences],
             "partings": [one._asdict() for one in self.partings],
+            "partings_more": self.partings_more,
             "refused": self.refused,
             "stopped": self.stopped,
         }
@@ -140,8 +154,8 @@ def compare(path: Path, choose: Callable[[Config], Config], passed: Passed | Non
         ReplayError: not a log of ours, or of another schema, or of inputs that no service had.
         ConfigError: what was chosen is no configuration.
     """
-    lines = lines_of(path, passed)
-    session = session_of(path, lines)
+    messages = lines_of(path, passed)
+    session = session_of(path, messages)
     try:
         flown = from_json(session.config_json)
     except ConfigError as error:
@@ -150,42 +164,37 @@ def compare(path: Path, choose: Callable[[Config], Config], passed: Passed | Non
     signing = Signing(None, other.link.signing_link_id) if other.link.signing_key_file else None
     guide = Guide(other, signing)
     sides = _Sides(flown, other)
-    decode_input = msgspec.json.Decoder(Input).decode
-    decode_setpoint = msgspec.json.Decoder(Setpoint).decode
-    decode_status = msgspec.json.Decoder(Status).decode
+    decode = {topic: msgspec.json.Decoder(kind).decode for topic, kind in _READ.items()}
+    lines = UntilDamage(messages)
     inputs = first_ns = last_ns = 0
     stopped = ""
-    try:
-        for topic, payload in lines:
-            if topic == TOPICS[Input]:
-                sides.next()
-                event = decode_input(payload)
-                if event.seq != inputs:
-                    stopped = f"input {inputs} is missing from the log, {event.seq} follows"
-                    break
-                first_ns, last_ns = (first_ns if inputs else event.t_ns), event.t_ns
-                sides.now_ns = last_ns
-                inputs += 1
-                guide.handle(event)
-                guide.packets()
-                for record in guide.records():
-                    if isinstance(record, Setpoint):
-                        sides.other_setpoint = record
-                    elif isinstance(record, Status):
-                        sides.other_status = record
-            elif topic == TOPICS[Setpoint]:
-                sides.flown_setpoint = decode_setpoint(payload)
-            elif topic == TOPICS[Status]:
-                sides.flown_status = decode_status(payload)
-            elif topic == TOPICS[Lost]:
-                stopped = (
-                    "the recorder had to drop records here; what entered the core after this is not known"
-                )
-                break
-            elif topic == "":
-                stopped = payload.decode()
-    except (*NOT_A_RECORD, ValueError, OverflowError, struct.error) as error:
-        raise ReplayError(f"{path}: no service had input {inputs - 1} like this: {error}") from error
+    for topic, payload in lines:
+        if topic not in decode:
+            continue
+        try:
+            record = decode[topic](payload)
+        except NOT_A_RECORD as error:
+            where = f"a record of topic {topic} behind {inputs} inputs"
+            raise ReplayError(f"{path}: {where} cannot be read: {error}") from None
+        if isinstance(record, Setpoint):
+            sides.flown_setpoint = record
+        elif isinstance(record, Status):
+            sides.flown_status = record
+        elif not isinstance(record, Input):  # the recorder lost some
+            stopped = "the recorder had to drop records here; what entered the core after this is not known"
+            break
+        elif record.seq != inputs:
+            stopped = f"input {inputs} is missing from the log, {record.seq} follows"
+            break
+        else:
+            sides.next()
+            first_ns, last_ns = (first_ns if inputs else record.t_ns), record.t_ns
+            sides.now_ns = last_ns
+            inputs += 1
+            try:
+                _fed(guide, record, sides)
+            except (*NOT_A_RECORD, ValueError, OverflowError, struct.error) as error:
+                raise ReplayError(f"{path}: no service had input {record.seq} like this: {error}") from error
     sides.next()
     return Comparison(
         flown=flown,
@@ -194,16 +203,17 @@ def compare(path: Path, choose: Callable[[Config], Config], passed: Passed | Non
         flight_s=(last_ns - first_ns) * 1e-9,
         t_ns=sides.t_ns,
         commands=tuple(
-            Commands(name, unit, *columns)
-            for (name, unit), *columns in zip(sides.channels, sides.flown, sides.other, strict=True)
+            Commands(channel.name, channel.unit, *columns)
+            for channel, *columns in zip(sides.channels, sides.flown, sides.other, strict=True)
         ),
         saturated_flown=sides.saturated_flown,
         saturated_other=sides.saturated_other,
         only_flown=sides.only_flown,
         only_other=sides.only_other,
         partings=tuple(sides.partings),
+        partings_more=sides.partings_more,
         refused=sides.refused,
-        stopped=stopped,
+        stopped=stopped or lines.damage,
     )
 
 
@@ -211,7 +221,8 @@ class _Sides:
     """What both said at one input, and the columns of all that they said so far."""
 
     def __init__(self, flown: Config, other: Config) -> None:
-        self.channels, self._values = _channels(flown, other)
+        asked = channels_of(profile_of(other))
+        self.channels = tuple(channel for channel in channels_of(profile_of(flown)) if channel in asked)
         self.flown = [array("d") for _ in self.channels]
         self.other = [array("d") for _ in self.channels]
         self.t_ns = array("q")
@@ -222,6 +233,7 @@ class _Sides:
         self.other_status: Status | None = None
         self.saturated_flown = self.saturated_other = self.only_flown = self.only_other = 0
         self.partings: list[Parting] = []
+        self.partings_more = 0
         self._standing = ("", "")
         self._begun_ns: int | None = None
 
@@ -256,23 +268,28 @@ class _Sides:
             self.t_ns.append(self.now_ns)
             self.saturated_flown += flown.saturated
             self.saturated_other += other.saturated
-            for column, value in zip(self.flown, self._values(flown), strict=True):
-                column.append(value)
-            for column, value in zip(self.other, self._values(other), strict=True):
-                column.append(value)
+            for channel, *columns in zip(self.channels, self.flown, self.other, strict=True):
+                for column, setpoint in zip(columns, (flown, other), strict=True):
+                    column.append(channel.of(setpoint))
 
     def _part(self, at_s: float) -> None:
         flown, other = self.flown_status, self.other_status
-        if len(self.partings) < PARTINGS_MOST:
-            self.partings.append(
-                Parting(
-                    at_s,
-                    _state(flown),
-                    _state(other),
-                    "" if flown is None else flown.reason,
-                    "" if other is None else other.reason,
-                )
-            )
+        if len(self.partings) == PARTINGS_MOST:
+            self.partings_more += 1
+            return
+        why = ("" if status is None else status.reason for status in (flown, other))
+        self.partings.append(Parting(at_s, _state(flown), _state(other), *why))
+
+
+def _fed(guide: Guide, event: Input, sides: _Sides) -> None:
+    """The input to the other core, and what it says to that."""
+    guide.handle(event)
+    guide.packets()
+    for record in guide.records():
+        if isinstance(record, Setpoint):
+            sides.other_setpoint = record
+        elif isinstance(record, Status):
+            sides.other_status = record
 
 
 def _state(status: Status | None) -> str:
@@ -283,46 +300,18 @@ def _law(setpoint: Setpoint | None) -> Setpoint | None:
     return None if setpoint is None or setpoint.neutral else setpoint
 
 
-Values = Callable[[Setpoint], tuple[float, ...]]
-
-
-def _channels(flown: Config, other: Config) -> tuple[tuple[tuple[str, str], ...], Values]:
-    """Names and units of what the profile sends, and their values in a setpoint."""
-    profiles = (profile_of(flown), profile_of(other))
-    rates = (("roll rate", "rad/s"), ("pitch rate", "rad/s"), ("yaw rate", "rad/s"))
-    common = (("speed", "m/s"), ("thrust", ""))
-    if any(profile.handling is Handling.AIRPLANE for profile in profiles):
-        names = (("bank", "deg"), ("pitch", "deg"), *rates, *common)
-        return names, lambda s: (
-            *_bank_pitch(s.attitude_wxyz),
-            *s.body_rates_frd_rad_s,
-            s.speed_m_s,
-            s.thrust,
-        )
-    if any(profile.asked is Asked.VELOCITY_YAW_RATE for profile in profiles):
-        velocities: tuple[tuple[str, str], ...] = (
-            ("velocity north", "m/s"),
-            ("velocity east", "m/s"),
-            ("velocity down", "m/s"),
-            rates[2],
-        )
-        return velocities, lambda s: (*s.velocity_ned_m_s, s.body_rates_frd_rad_s[2])
-    if all(profile.planar for profile in profiles):
-        return (rates[2], *common), lambda s: (s.body_rates_frd_rad_s[2], s.speed_m_s, s.thrust)
-    return (*rates, *common), lambda s: (*s.body_rates_frd_rad_s, s.speed_m_s, s.thrust)
-
-
-def _bank_pitch(attitude_wxyz: Wxyz) -> tuple[float, float]:
-    w, x, y, z = attitude_wxyz
-    bank = atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return degrees(bank), degrees(asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))))
-
-
 def _difference(one: Commands, t_ns: array[int]) -> Difference:
     apart = [b - a for a, b in zip(one.flown, one.other, strict=True)]
     worst = max(range(len(apart)), key=lambda i: abs(apart[i]))
     rms = sqrt(sum(d * d for d in apart) / len(apart))
     return Difference(one.name, one.unit, rms, abs(apart[worst]), (t_ns[worst] - t_ns[0]) * 1e-9)
+
+
+def _finite(fields: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: None if isinstance(value, float) and not isfinite(value) else value
+        for name, value in fields.items()
+    }
 
 
 def _present(data: Any) -> Any:

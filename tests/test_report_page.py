@@ -218,10 +218,10 @@ def test_the_fence_is_on_every_picture_of_the_path(tmp_path: Path, monkeypatch: 
     flight = fenced(tmp_path, square)
     shown_ = [Shown("a", flight, [judged(flight, one) for one in flight.stretches])]
     drawn: dict[str, Any] = {}
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: drawn.__setitem__(path.stem, self))
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: drawn.__setitem__(path.name, self))
     plots.write(shown_, tmp_path / "png")
     for name in ("plan", "space"):
-        axes = drawn[name].axes[0]
+        axes = next(figure for path, figure in drawn.items() if name in path).axes[0]
         assert "fence" in [line.get_label() for line in axes.lines], name
         assert axes.get_xlim()[0] < -40.0 < 40.0 < axes.get_xlim()[1]
 

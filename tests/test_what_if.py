@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,16 @@ import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
+from guidance import what_if
 from guidance.cli import app
 from guidance.config import Config, ConfigError, from_json
-from guidance.records import Session, Setpoint, TrackingError
+from guidance.records import Input, Session, Setpoint, TrackingError
 from guidance.replay import ReplayError, replay
 from guidance.telemetry.log import read_records
 from guidance.what_if import Comparison, compare, other_configuration
 from sitl.logbook import LogBook
 from tests.flight_asset import ASSET, configuration
-from tests.hand_made_flight import with_session
+from tests.hand_made_flight import log_of, with_session
 from tests.helpers import make_config, make_flight
 from tests.test_report_page import read_page
 
@@ -154,6 +156,45 @@ def test_where_they_part_is_told_with_the_reason() -> None:
     assert found.only_flown > 0
 
 
+def test_partings_that_are_not_told_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = ("guards.error_max_m=0.5", "guards.error_s=0.2")
+    found = compared(ASSET, *settings)
+    assert found.partings_more == 0
+    monkeypatch.setattr(what_if, "PARTINGS_MOST", 1)
+    fewer = compared(ASSET, *settings)
+    assert fewer.partings == found.partings[:1]
+    assert fewer.partings_more == len(found.partings) - 1 > 0
+    assert fewer.as_json()["partings_more"] == fewer.partings_more
+    _, out, _ = call("replay", str(ASSET), *(word for one in settings for word in ("--set", one)))
+    assert f"and part or meet {fewer.partings_more} times more" in out
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_no_number_holds_is_null_in_json(tmp_path: Path) -> None:
+    records = [
+        replace(one, speed_m_s=-1e308, thrust=1e200) if isinstance(one, Setpoint) and not one.neutral else one
+        for one in list(read_records(ASSET))[1:]
+    ]
+    log, output = log_of(tmp_path, configuration(), records), tmp_path / "x.html"
+    status, out, err = call("replay", str(log), "--set", "law.k=0.5", "--report", str(output), "--json")
+    assert status == 0, err
+    printed = json.loads(out.splitlines()[-1], parse_constant=pytest.fail)
+    speed, thrust = (
+        next(one for one in printed["differences"] if one["channel"] == name) for name in ("speed", "thrust")
+    )
+    assert (speed["rms"], speed["largest"]) == (None, pytest.approx(1e308))
+    assert (thrust["rms"], thrust["largest"]) == (None, pytest.approx(1e200))
+
+
+def test_a_record_that_is_none_is_blamed_and_no_input(tmp_path: Path) -> None:
+    records = list(read_records(ASSET))[1:]
+    at = max(i for i, record in enumerate(records) if isinstance(record, Setpoint))
+    inputs = sum(isinstance(record, Input) for record in records[:at])
+    records[at] = replace(records[at], speed_m_s="fast")
+    with pytest.raises(ReplayError, match=rf"topic setpoint behind {inputs} inputs cannot be read"):
+        compared(log_of(tmp_path, configuration(), records))
+
+
 def test_the_line_is_the_logs_and_the_rest_the_files() -> None:
     logged = configuration()
     settings = ("law.k=0.7", "link.connection=serial:///dev/null?baud=57600")
@@ -225,3 +266,30 @@ def test_the_commands_exit_statuses(tmp_path: Path) -> None:
         assert status == 2
         assert why in err
         assert "Traceback" not in err
+
+
+def test_what_was_found_is_printed_before_a_report_of_no_flight(tmp_path: Path) -> None:
+    log = log_of(tmp_path, configuration(), [])
+    output = tmp_path / "x.html"
+    status, out, err = call("replay", str(log), "--set", "law.k=0.5", "--report", str(output), "--json")
+    assert status == 1
+    assert json.loads(out)["compared"] == 0
+    assert "no flight in it" in err
+    assert not output.exists()
+
+
+def test_a_missing_extra_and_a_place_that_is_none_show_before_the_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(what_if, "compare", lambda *_: pytest.fail("it was compared"))
+    again = ("replay", str(ASSET), "--set", "law.k=0.5", "--report")
+    status, out, err = call(*again, str(tmp_path / "missing" / "x.html"))
+    assert (status, out) == (1, "")
+    assert "cannot be written: No such file" in err
+    for name in [name for name in sys.modules if name.startswith(("plotly", "guidance.report."))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    status, out, err = call(*again, str(tmp_path / "x.html"))
+    assert (status, out) == (2, "")
+    assert "pip install 'se3-guidance[report]'" in err

@@ -16,7 +16,7 @@ from guidance.report import looks
 from guidance.report.columns import Floats
 from guidance.report.panels import Section
 from guidance.report.paths import Path3, box_of, lowest_m
-from guidance.report.timeline import Timeline
+from guidance.report.timeline import Timeline, kinds_of
 
 Chart = dict[str, Any]
 
@@ -62,6 +62,7 @@ def section_chart(section: Section, several: bool) -> Chart:
                     "name": _plain(line.name),
                     "legendgroup": str(line.role),
                     "showlegend": line.role not in legend,
+                    "legendrank": looks.rank(line.role),
                     "x": packed(line.x),
                     "y": packed(line.y),
                     "xaxis": f"x{n}",
@@ -134,30 +135,29 @@ def space_chart(paths: Sequence[Path3], fence: Floats | None) -> Chart:
 def timeline_chart(timelines: Sequence[Timeline]) -> Chart:
     """States as bars, one row for each log, events as marks on it."""
     data: list[Chart] = []
-    named: set[str] = set()
-    for line in timelines:
-        for state in dict.fromkeys(bar.state for bar in line.bars):
-            bars = [bar for bar in line.bars if bar.state == state]
+    kinds = kinds_of(timelines)
+    for row, line in enumerate(timelines):
+        for shade, states in kinds.items():
+            bars = [bar for bar in line.bars if looks.shade(bar.state) == shade]
+            if row and not bars:
+                continue
             data.append(
                 {
                     "type": "bar",
                     "orientation": "h",
-                    "name": _plain(state),
-                    "legendgroup": state,
-                    "showlegend": state not in named,
+                    "name": _plain(states),
+                    "legendgroup": shade,
+                    "showlegend": row == 0,
                     "y": [_plain(line.label)] * len(bars),
                     "base": [bar.from_s for bar in bars],
                     "x": [max(bar.to_s - bar.from_s, 0.0) for bar in bars],
-                    "text": [_plain(bar.reason) for bar in bars],
+                    "text": [_plain(f"{bar.state}: {bar.reason}") for bar in bars],
                     "textposition": "none",
                     "width": 0.5,
-                    "marker": {"color": looks.STATES.get(state, looks.OTHER_STATE), "line": {"width": 0}},
-                    "hovertemplate": "%{base:.2f} s, for %{x:.2f} s: %{text}<extra>"
-                    + _plain(state)
-                    + "</extra>",
+                    "marker": {"color": shade, "line": {"width": 0}},
+                    "hovertemplate": "%{base:.2f} s, for %{x:.2f} s: %{text}<extra></extra>",
                 }
             )
-            named.add(state)
         dots = line.dots
         data.append(
             {
@@ -200,10 +200,20 @@ def _drawn(paths: Sequence[Path3], *, space: bool) -> list[Chart]:
         ending = f" {_plain(path.label)}" if several else ""
         reference = {"color": looks.REFERENCE, "width": 4 if space else 2.6}
         flown = {"color": looks.LOGS[i % len(looks.LOGS)], "width": 3 if space else 1.4}
-        for name, places, line in (("reference", path.reference, reference), ("path", path.flown, flown)):
-            chart = {"type": kind, "mode": "lines", "name": f"{name}{ending}", "line": line}
+        once = {"showlegend": i == 0}
+        lines: tuple[tuple[Chart, Floats, Chart], ...] = (
+            (
+                {"name": "reference", "legendgroup": "reference", "showlegend": i == 0},
+                path.reference,
+                reference,
+            ),
+            ({"name": f"path{ending}"}, path.flown, flown),
+        )
+        for named, places, line in lines:
+            chart = {"type": kind, "mode": "lines", **named, "line": line}
             data.append({**chart, "hoverinfo": "x+y+z" if space else "x+y", **_places(places, space=space)})
-        start = {"type": kind, "mode": "markers", "name": f"start{ending}", "hoverinfo": "name"}
+        start: Chart = {"type": kind, "mode": "markers", "name": "start", "hoverinfo": "name"}
+        start |= {"legendgroup": "start", **once}
         marker = {"color": looks.START, "size": 5 if space else 10, "symbol": "circle"}
         data.append({**start, "marker": marker, **_places(np.array([path.start]), space=space)})
         if path.marks:

@@ -24,6 +24,11 @@ _NO_REFERENCE: Final = (_NAN,) * 7
 _NO_ERROR: Final = (_NAN,) * 6
 
 
+def known(values: Floats) -> Floats:
+    """The values, NaN for those that no vehicle has."""
+    return np.where(np.abs(values) <= _MOST, values, _NAN)
+
+
 class Columns(NamedTuple):
     """What is known of each setpoint: n rows; a triple is (n, 3), a quaternion wxyz (n, 4).
 
@@ -140,7 +145,7 @@ class Gathering:
         times = np.frombuffer(self._times, dtype=np.int64).reshape(-1, 2)
         rows = np.frombuffer(self._rows, dtype=np.float64).reshape(len(times), -1 if len(times) else _WIDTH)
         for values in rows.T:
-            values[np.abs(values) > _MOST] = _NAN
+            values[:] = known(values)
         place = 0
         taken: dict[str, Any] = {}
         for name, width in _LAYOUT.items():
@@ -149,7 +154,7 @@ class Gathering:
         handling = {}
         for name, column in self._handling.items():
             column.extend([_NAN] * (len(times) - len(column)))
-            handling[name] = np.frombuffer(column, dtype=np.float64)
+            handling[name] = known(np.frombuffer(column, dtype=np.float64))
         for name in ("neutral", "saturated", "singular"):
             taken[name] = taken[name] > 0.5
         return Columns(sent_ns=times[:, 0], acts_ns=times[:, 1], handling=handling, **taken)

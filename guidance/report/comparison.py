@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from guidance.report.columns import known
 from guidance.report.flight import Flight
 from guidance.report.panels import TIME, Line, Panel, Section
 from guidance.report.settings import settings_of
@@ -24,12 +25,14 @@ def drawn(found: Comparison, flight: Flight, name: str) -> tuple[str, list[Secti
         made.append(f'<p class="warning">It would not have engaged: {text(found.refused)}</p>')
     if found.stopped:
         made.append(f'<p class="warning">The comparison ended early: {text(found.stopped)}</p>')
+    if found.asked_otherwise:
+        made.append(f'<p class="warning">{text(found.asked_otherwise.capitalize())}.</p>')
     made.append(_differences(found))
     made.append(_partings(found))
     differing = [one for one in settings_of([found.flown, found.other]) if one.differs]
     made.append("<h3>What differs in the configuration</h3>")
     made.append(settings_table(differing, ["flown", "other"]) if differing else "<p>Nothing.</p>")
-    return "".join(made), [_section(found, flight)] if found.t_ns else []
+    return "".join(made), [_section(found, flight)] if found.t_ns and found.commands else []
 
 
 def _section(found: Comparison, flight: Flight) -> Section:
@@ -38,7 +41,7 @@ def _section(found: Comparison, flight: Flight) -> Section:
     for one in found.commands:
         lines = []
         for role, (label, values) in enumerate((("flown", one.flown), ("other", one.other))):
-            lines.append(Line(label, *thin(x, np.frombuffer(values, dtype=np.float64)), role))
+            lines.append(Line(label, *thin(x, known(np.frombuffer(values, dtype=np.float64))), role))
         panels.append(Panel(one.name, TIME, f"{one.name}, {one.unit}" if one.unit else one.name, lines))
     caption = "After all limits, as each would have been sent."
     return Section("comparison", "Commands, flown and other", caption, panels)
@@ -63,6 +66,8 @@ def _differences(found: Comparison) -> str:
         f"other {100.0 * found.saturated_other / count:.4g} %. Only the flown one commanded at "
         f"{found.only_flown}, only the other at {found.only_other}.</p>"
     )
+    if not found.commands:
+        return limits
     table = f'<table id="differences"><thead>{head}</thead><tbody>{rows}</tbody></table>'
     return f'{limits}<div class="wide">{table}</div>'
 
@@ -76,4 +81,5 @@ def _partings(found: Comparison) -> str:
         for one in found.partings
     )
     head = '<tr><th class="number">after, s</th><th>flown</th><th>other</th><th>why the other</th></tr>'
-    return f"<h3>Where they part</h3><table><thead>{head}</thead><tbody>{rows}</tbody></table>"
+    more = f"<p>And {found.partings_more} more.</p>" if found.partings_more else ""
+    return f"<h3>Where they part</h3><table><thead>{head}</thead><tbody>{rows}</tbody></table>{more}"

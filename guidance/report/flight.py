@@ -38,7 +38,7 @@ from guidance.records import (
     VelocityHandling,
 )
 from guidance.replay import ReplayError, session_of
-from guidance.report.columns import Columns, Floats, Gathering, Times
+from guidance.report.columns import Columns, Floats, Gathering, Times, known
 from guidance.report.earth import Origin
 from guidance.supervisor import SETPOINTS, Setpoints
 from guidance.telemetry.log import LogDamaged, Passed
@@ -234,6 +234,7 @@ def _read(path: Path, passed: Passed | None) -> Flight:
     if not stretches:
         raise NoFlightError(_nothing(path, told.spans, incomplete))
     links = np.array(told.links, dtype=np.float64).reshape(-1, 4)
+    links[:, 1:] = known(links[:, 1:])
     return Flight(
         path=path,
         session=session,

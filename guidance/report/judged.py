@@ -185,7 +185,7 @@ def judged(flight: Flight, stretch: tuple[int, int], converged_m: float | None =
         round_trip_median_s=_percentile(flight.links.round_trip_s[during], 50.0),
         round_trip_p95_s=_percentile(flight.links.round_trip_s[during], 95.0),
         loop_late_max_s=None if timing is None else timing.lateness_max_s,
-        packets_lost_part=None if link is None else link.lost / max(link.lost + link.received, 1),
+        packets_lost_part=None if link is None else _part(link.lost, link.lost + link.received),
         records_dropped=flight.dropped,
     )
 
@@ -251,6 +251,11 @@ def _length_m(columns: Columns, rows: NDArray[np.int64]) -> float:
     speed = np.linalg.norm(columns.velocity_ned_m_s[rows], axis=1)
     elapsed_s = np.diff(columns.sent_ns[rows]) * 1e-9
     return float(np.nansum(0.5 * (speed[1:] + speed[:-1]) * elapsed_s))
+
+
+def _part(some: int, of: int) -> float | None:
+    """None for counts that no service has."""
+    return some / max(of, 1) if 0 <= some <= of else None
 
 
 def _finite(values: Floats) -> Floats:

@@ -30,6 +30,16 @@ STATES: Final = {
 OTHER_STATE: Final = "#b9c0c7"
 
 
+def shade(state: str) -> str:
+    """Of a state; states of one colour are one entry of a legend."""
+    return STATES.get(state, OTHER_STATE)
+
+
+def rank(role: str | int) -> int:
+    """Its place in a legend."""
+    return role if isinstance(role, int) else list(ROLES).index(role)
+
+
 def colour(role: str | int) -> str:
     """Of a line."""
     return LOGS[role % len(LOGS)] if isinstance(role, int) else ROLES[role]

@@ -7,8 +7,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from guidance.mavlink.profiles import Handling
-from guidance.report.columns import Columns, Floats
+from guidance.config import profile_of
+from guidance.mavlink.profiles import Asked, Handling, Profile
+from guidance.records import Timing
+from guidance.report.columns import Columns, Floats, known
 from guidance.report.flight import Flight
 from guidance.report.judged import Figures, along_cross_up, intervals_s
 from guidance.report.thin import thin
@@ -18,6 +20,8 @@ _SATURATION_S: Final = 1.0
 _BINS: Final = 60
 #: A histogram is at least so wide.
 _LEAST_MS: Final = 1.0
+#: More often no loop turns.
+_COUNT_MOST: Final = 10**15
 _MS: Final = 1e3
 
 
@@ -112,8 +116,8 @@ def _errors(shown: Sequence[Shown]) -> Section:
 
 
 def controls(flight: Flight) -> Iterator[Panel]:
-    """What was demanded, sent and measured, by the class of the vehicle."""
-    made = _BY_CLASS[flight.handling](flight.columns)
+    """What was demanded, sent and measured, by the class of the vehicle and what it is asked for."""
+    made = _drawn(flight.columns, profile_of(flight.config))
     rows = rows_of(flight)
     x = flight.seconds(flight.columns.sent_ns[rows])
     for title, unit, lines in made:
@@ -122,6 +126,36 @@ def controls(flight: Flight) -> Iterator[Panel]:
 
 
 _Drawn = tuple[str, str, dict[str, Floats]]
+
+
+def _drawn(c: Columns, profile: Profile) -> list[_Drawn]:
+    """First what is sent, then what is only demanded and measured."""
+    rates = [_rate(c, 0), _rate(c, 1), _rate(c, 2)]
+    match profile.handling, profile.asked:
+        case Handling.RATES, _:
+            return [*rates, _speed(c), _thrust(c)]
+        case Handling.GROUND, Asked.VELOCITY_YAW_RATE:  # its bearing asks for the yaw rate
+            return [*_velocity(c)[:2], _unsent(_rate(c, 2)), _unsent(_speed(c))]
+        case Handling.GROUND, _:
+            return [_rate(c, 2), _speed(c), _thrust(c)]
+        case Handling.AIRPLANE, Asked.RATES_THROTTLE:
+            return [*rates, _thrust(c, "throttle"), *map(_unsent, _attitude(c)), _airspeed(c)]
+        case Handling.AIRPLANE, _:
+            return [*_attitude(c), _thrust(c, "throttle"), _airspeed(c)]
+        case _, Asked.RATES_THROTTLE:
+            turning = [_without(rate, "demanded") for rate in rates[:2]]  # it leans as its velocity needs
+            return [*turning, rates[2], _thrust(c), *map(_unsent, _velocity(c))]
+        case _:
+            return [*_velocity(c), _rate(c, 2)]
+
+
+def _unsent(drawn: _Drawn) -> _Drawn:
+    return _without(drawn, "sent")
+
+
+def _without(drawn: _Drawn, role: str) -> _Drawn:
+    title, unit, lines = drawn
+    return title, unit, {other: y for other, y in lines.items() if other != role}
 
 
 def _thrust(c: Columns, name: str = "thrust") -> _Drawn:
@@ -144,50 +178,36 @@ def _rate(c: Columns, axis: int) -> _Drawn:
     return f"{name} rate", f"{name}, rad/s", lines
 
 
-def _rates(c: Columns) -> list[_Drawn]:
-    return [_rate(c, 0), _rate(c, 1), _rate(c, 2), _speed(c), _thrust(c)]
+def _attitude(c: Columns) -> list[_Drawn]:
+    sent, measured = np.degrees(bank_pitch(c.asked_attitude_wxyz)), np.degrees(bank_pitch(c.attitude_wxyz))
+    made: list[_Drawn] = []
+    for column, name in enumerate(("bank", "pitch")):
+        demanded = np.degrees(_handled(c, f"{name}_asked_rad"))
+        lines = {"demanded": demanded, "sent": sent[:, column], "measured": measured[:, column]}
+        made.append((name, f"{name}, deg", lines))
+    return made
 
 
-def _ground(c: Columns) -> list[_Drawn]:
-    return [_rate(c, 2), _speed(c), _thrust(c)]
-
-
-def _airplane(c: Columns) -> list[_Drawn]:
-    asked, flown = np.degrees(bank_pitch(c.asked_attitude_wxyz)), np.degrees(bank_pitch(c.attitude_wxyz))
-    none = np.full(len(c.thrust), np.nan)
-    around = c.handling
-    bank, pitch = (np.degrees(around.get(name, none)) for name in ("bank_asked_rad", "pitch_asked_rad"))
-    air = {
-        "demanded": around.get("airspeed_asked_m_s", none),
-        "measured": around.get("airspeed_m_s", none),
-    }
-    return [
-        ("bank", "bank, deg", {"demanded": bank, "sent": asked[:, 0], "measured": flown[:, 0]}),
-        ("pitch", "pitch, deg", {"demanded": pitch, "sent": asked[:, 1], "measured": flown[:, 1]}),
-        _thrust(c, "throttle"),
-        ("true airspeed", "airspeed, m/s", air),
-    ]
+def _airspeed(c: Columns) -> _Drawn:
+    lines = {"demanded": _handled(c, "airspeed_asked_m_s"), "measured": _handled(c, "airspeed_m_s")}
+    return "true airspeed", "airspeed, m/s", lines
 
 
 def _velocity(c: Columns) -> list[_Drawn]:
     made: list[_Drawn] = []
-    none = np.full(len(c.thrust), np.nan)
     for axis, name in enumerate(("north", "east", "down")):
         lines = {
-            "demanded": c.handling.get(f"wanted_ned_m_s.{axis}", none),
+            "demanded": _handled(c, f"wanted_ned_m_s.{axis}"),
             "sent": c.asked_velocity_ned_m_s[:, axis],
             "measured": c.velocity_ned_m_s[:, axis],
         }
         made.append((f"velocity {name}", f"{name}, m/s", lines))
-    return [*made, _rate(c, 2)]
+    return made
 
 
-_BY_CLASS: Final = {
-    Handling.RATES: _rates,
-    Handling.GROUND: _ground,
-    Handling.AIRPLANE: _airplane,
-    Handling.VELOCITY: _velocity,
-}
+def _handled(c: Columns, field: str) -> Floats:
+    """Of the class's own record; NaN in a log that has none."""
+    return c.handling.get(field, np.full(len(c.thrust), np.nan))
 
 
 def bank_pitch(attitude_wxyz: Floats) -> Floats:
@@ -234,17 +254,7 @@ def _each_second(x: Floats, flags: Floats) -> tuple[Floats, Floats]:
 
 def _histograms(shown: Sequence[Shown]) -> Section:
     panels = []
-    late = []
-    for one in shown:
-        timing = one.flight.timing
-        if timing is not None and len(timing.lateness_counts) != len(timing.lateness_edges_s) + 1:
-            timing = None
-        counts = np.asarray(() if timing is None else timing.lateness_counts, dtype=np.float64)
-        edges = np.asarray(() if timing is None else (0.0, *timing.lateness_edges_s, 0.0)) * _MS
-        if timing is not None:
-            edges[-1] = max(timing.lateness_max_s * _MS, 2.0 * edges[-2])
-        most = int(np.flatnonzero(counts)[-1]) + 1 if counts.any() else 0
-        late.append((edges[: most + 1], counts[:most]))
+    late = [_lateness(one.flight.timing) for one in shown]
     panels.append(_histogram("control loop late", "late, ms", shown, late))
     for title, samples in _samples([one.flight for one in shown]).items():
         known = [values[np.isfinite(values)] * _MS for values in samples]
@@ -263,6 +273,19 @@ def _histograms(shown: Sequence[Shown]) -> Section:
     return Section(
         "timing", "Loop timing and link quality", caption, [p for p in panels if p.lines], columns=3
     )
+
+
+def _lateness(timing: Timing | None) -> tuple[Floats, Floats]:
+    """Edges (ms) of the bars and their counts, to the last that has any; none for what no service wrote."""
+    if timing is None or len(timing.lateness_counts) != len(timing.lateness_edges_s) + 1:
+        return np.empty(0), np.empty(0)
+    last_s = max(timing.lateness_max_s, 2.0 * max(timing.lateness_edges_s, default=0.0))
+    edges = known(np.asarray((0.0, *timing.lateness_edges_s, last_s))) * _MS
+    counts = np.asarray([float(max(-1, min(count, _COUNT_MOST))) for count in timing.lateness_counts])
+    if not (np.diff(edges) > 0.0).all() or (counts < 0.0).any() or not counts.any():
+        return np.empty(0), np.empty(0)
+    most = int(np.flatnonzero(counts)[-1]) + 1
+    return edges[: most + 1], counts[:most]
 
 
 def _samples(flights: Sequence[Flight]) -> dict[str, list[Floats]]:

@@ -17,6 +17,8 @@ from guidance.report.thin import thin_path
 _MARKED: Final = frozenset({Level.WARNING, Level.ERROR, Level.CRITICAL})
 #: So many marks at most; a flight with more has them in the table.
 MARKS_MOST: Final = 200
+#: Of events of one kind the next is marked this part of the flight later: a row of them would hide the path.
+_MARKS_APART: Final = 20
 _MARGIN: Final = 0.06
 #: No side of the box is shorter than this part of the longest.
 _FLATTEST: Final = 0.25
@@ -115,10 +117,15 @@ def _paths(label: str, flight: Flight) -> Path3:
 def _marks(flight: Flight) -> list[Mark]:
     columns, rows = flight.columns, rows_of(flight)
     sent, places = columns.sent_ns[rows], _east_north_up(columns.position_ned_m[rows])
+    apart_ns = int(sent[-1] - sent[0]) // _MARKS_APART
+    last_ns: dict[str, int] = {}
     marks = []
     for event in flight.events:
         at = int(np.searchsorted(sent, event.t_ns))
         if event.level in _MARKED and 0 < at < len(sent) and np.isfinite(places[at]).all():
+            if event.code in last_ns and event.t_ns - last_ns[event.code] < apart_ns:
+                continue
+            last_ns[event.code] = event.t_ns
             after_s = (event.t_ns - flight.zero_ns) * 1e-9
             marks.append(Mark(_triple(places[at]), after_s, str(event.level), event.text))
     return marks[:MARKS_MOST]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from guidance.report import looks
 from guidance.report.panels import Shown
 from guidance.report.paths import MARKS_MOST
 
@@ -35,6 +37,15 @@ class Timeline(NamedTuple):
     label: str
     bars: list[Bar]
     dots: list[Dot]
+
+
+def kinds_of(timelines: Sequence[Timeline]) -> dict[str, str]:
+    """The colours of the states that are shown, each with the names of its states, for a legend."""
+    kinds: dict[str, dict[str, None]] = {}
+    for line in timelines:
+        for bar in line.bars:
+            kinds.setdefault(looks.shade(bar.state), {})[bar.state] = None
+    return {shade: ", ".join(states) for shade, states in kinds.items()}
 
 
 def timeline_of(one: Shown) -> Timeline:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
 from guidance.telemetry.log import PART, LogDamaged, NotALog, Passed, read_metadata, read_part
+
+#: No run has more digits of parts.
+_DIGITS_MOST: Final = 9
 
 
 class PartMissing(Exception):  # noqa: N818
@@ -56,4 +60,4 @@ def _part(directory: Path, session_id: str, number: int) -> Path | None:
 
 def _number(metadata: dict[str, str]) -> int:
     text = metadata.get(PART, "1")  # logs were of one part before there were several
-    return int(text) if text.isdecimal() else 1
+    return int(text) if text.isdecimal() and len(text) <= _DIGITS_MOST else 1

@@ -259,7 +259,7 @@ def _fly(
         ValueError: more flights than memory holds, or a file that cannot be; before the flights.
         OSError: of a file or stdout that fails after them.
     """
-    from sitl.campaign.files import replacing
+    from guidance.replacing import replacing
     from sitl.campaign.report import show, summary
     from sitl.campaign.run import save
     from sitl.campaign.run import steps as steps_of

@@ -96,8 +96,13 @@ def test_a_connection_that_says_nothing_is_named_and_given_up_for_another(browse
         script.flow(5.0)
         script.until(lambda: len(script.sockets) == 2)
         script.until(lambda: script.looks() == ["alpha", "alpha"])
-        script.flow(0.25)
-        expect(page.locator("#alarm")).to_be_hidden()
+
+        def well() -> bool:
+            script.tell()
+            script.flow(0.25)
+            return page.locator("#alarm").is_hidden()
+
+        script.until(well)
         script.introduce("alpha")
         press(page, "hold")
         script.until(lambda: script.orders() == [("alpha", "hold")])

@@ -320,3 +320,39 @@ def test_what_a_page_may_ask_is_read_and_anything_else_is_nothing() -> None:
         "accepted": None,
         "reason": "why",
     }
+
+
+def test_rows_of_hours_ago_do_not_stand_beside_those_of_now() -> None:
+    flown = Flown()
+    flown.fly(40)
+    while flown.hub.seen[0].contact == "live":
+        flown.turn()
+    flown.now_ns += 290 * S
+    flown.fly(1)
+    assert len(flown.rows()) > 40, "the last five minutes are kept"
+    while flown.hub.seen[0].contact == "live":
+        flown.turn()
+    flown.now_ns += 4098 * S  # the clock of the rows has gone round
+    flown.fly(2)
+    assert len(flown.rows()) == 2
+    assert flown.hub.renewed == set()
+    flown.turn()
+
+
+@pytest.mark.parametrize(
+    ("profile", "output", "asked"),
+    [
+        ("px4-uuv", {}, "rates_speed"),
+        ("ardupilot-rover", {}, "rates_speed"),
+        ("px4-rover", {}, "level_velocity"),
+        ("px4-copter", {}, "velocity"),
+        ("px4-copter", {"copter": {"output": "rates"}}, "rates_throttle"),
+        ("ardupilot-plane", {}, "attitude_throttle"),
+        ("ardupilot-plane", {"airplane": {"output": "rates"}}, "rates_throttle"),
+        ("of-another-make", {}, ""),
+    ],
+)
+def test_a_page_is_told_what_the_vehicle_is_told(profile: str, output: dict[str, Any], asked: str) -> None:
+    flown = Flown()
+    flown.turn(*flown.heard(configured(vehicle={"profile": profile}, **output)))
+    assert flown.hub.about("uuv-1", flown.now_ns)["asked"] == asked

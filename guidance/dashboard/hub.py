@@ -45,6 +45,7 @@ class _Rows:
         self.peak_m = nan
         self.offset_ns: int | None = None  # from its instants to those of arrival
         self.first_ns: int | None = None  # of the rows that were made here
+        self.last_ns: int | None = None
         self.live = False
         self.recalled = False  # its last minutes have come
 
@@ -152,7 +153,11 @@ class Hub:
 
         late_s = nan if newest(Timing) is None else vehicle.lateness.lately_s
         made = row(now_ns, newest, vehicle.peak_m, late_s) if live else nothing(now_ns)
-        vehicle.live = live
+        if vehicle.last_ns is not None and now_ns - vehicle.last_ns > KEPT_S * 1_000_000_000:
+            vehicle.ring.clear()
+            vehicle.first_ns = None
+            self.renewed.add(seen.vehicle)
+        vehicle.live, vehicle.last_ns = live, now_ns
         vehicle.first_ns = now_ns if vehicle.first_ns is None else vehicle.first_ns
         vehicle.ring.add(made)
         self.rows[seen.vehicle] = made

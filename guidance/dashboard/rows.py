@@ -44,7 +44,8 @@ ROW: Final = struct.Struct(f"<{len(COLUMNS)}f")
 FRESH_NS: Final[dict[type[Record], int]] = {Link: 1_500_000_000, Timing: 2_500_000_000}
 FRESH_OTHERS_NS: Final = 1_000_000_000
 
-_LARGEST: Final = 3.4e38
+#: What is larger is no figure of a vehicle; a chart of it would show nothing else.
+LARGEST: Final = 1e12
 _N3: Final = (nan, nan, nan)
 _N4: Final = (nan, nan, nan, nan)
 
@@ -69,6 +70,10 @@ class Ring:
         self._next = (self._next + 1) % self._capacity
         self.held = min(self.held + 1, self._capacity)
 
+    def clear(self) -> None:
+        """What is held is too old to be shown beside what comes."""
+        self.held = self._next = 0
+
     def all(self) -> bytes:
         """Every row, oldest first."""
         cut = self._next * ROW.size
@@ -87,11 +92,8 @@ class Ring:
 
 
 def packed(figures: Sequence[float]) -> bytes:
-    """A row; what a float32 cannot hold is its largest."""
-    try:
-        return ROW.pack(*figures)
-    except OverflowError:
-        return ROW.pack(*(copysign(_LARGEST, f) if abs(f) > _LARGEST else f for f in figures))
+    """A row; absurd figures are not known."""
+    return ROW.pack(*(nan if abs(f) > LARGEST else f for f in figures))
 
 
 def clock_s(instant_ns: int) -> float:

@@ -12,6 +12,7 @@ from guidance.dashboard.planned import local
 from guidance.fleet import Fleet, Note, Seen
 from guidance.geodesy import Geodetic
 from guidance.geofence import Corner
+from guidance.mavlink.profiles import PROFILES, Asked
 from guidance.records import NOT_A_RECORD, Link, Session, State, Status, Timing
 from guidance.se3 import Vec3
 from guidance.trajectory import TRAJECTORIES
@@ -42,6 +43,10 @@ class _Flight(msgspec.Struct, frozen=True):
     origin: str | Geodetic = ""
 
 
+class _Output(msgspec.Struct, frozen=True):
+    output: str = ""
+
+
 class Settings(msgspec.Struct, frozen=True):
     """What a page needs of a service's configuration, whatever else is in it."""
 
@@ -50,6 +55,8 @@ class Settings(msgspec.Struct, frozen=True):
     zenoh: _Zenoh = _Zenoh()
     vehicle: _Vehicle = _Vehicle()
     trajectory: Mapping[str, Any] = {}
+    airplane: _Output = _Output()
+    copter: _Output = _Output()
 
 
 class Watched:
@@ -122,6 +129,7 @@ def told(fleet: Fleet, watched: Watched, vehicle: str, now_ns: int) -> dict[str,
         "vehicle": vehicle,
         "commands": settings is not None and settings.zenoh.commands,
         "configured": settings is not None,
+        "asked": "" if settings is None else asked(settings),
         "fence": None if settings is None else fence(settings, _ekf(fleet, vehicle)),
         "trajectory": trajectory(fleet, watched, vehicle),
         "origin": origin(fleet, watched, vehicle),
@@ -169,6 +177,20 @@ def told(fleet: Fleet, watched: Watched, vehicle: str, now_ns: int) -> dict[str,
             "dropped_records": timing.dropped_records,
         }
     return said
+
+
+def asked(settings: Settings) -> str:
+    """What the vehicle is told, as the page's charts name it; empty if its profile is not known."""
+    profile = PROFILES.get(settings.vehicle.profile)
+    if profile is None:
+        return ""
+    by_rates = "rates" in (settings.airplane.output, settings.copter.output)
+    told = (profile.by_rates() if by_rates else profile).asked
+    if told is Asked.VELOCITY_YAW_RATE:
+        return "level_velocity" if profile.planar else "velocity"
+    if told in (Asked.ATTITUDE_THROTTLE, Asked.RATES_THROTTLE):
+        return told.name.lower()
+    return Asked.RATES_SPEED.name.lower()
 
 
 def trajectory(fleet: Fleet, watched: Watched, vehicle: str) -> Mapping[str, Any]:

@@ -2,6 +2,9 @@
 
 const FIRST = { turn: -0.6, tilt: 0.95 };
 const TOP = { turn: 0, tilt: 0 };
+/** What buttons above and the scale below need of the height, px. */
+const ABOVE = 55;
+const BELOW = 35;
 
 export class Camera {
   constructor() {
@@ -12,7 +15,11 @@ export class Camera {
     /** From straight above, rad. */
     this.tilt = FIRST.tilt;
     this.aim(0, 0, 0);
-    this.extent = 1;
+    /** Moved on the screen, px. */
+    this.shift = [0, 0];
+    /** What is to be seen must be framed anew. */
+    this.unframed = true;
+    this.across = this.tall = 1;
     this.lens(1, 1);
   }
 
@@ -23,11 +30,20 @@ export class Camera {
     this.down = down;
   }
 
+  /** A box of this size fills the view, as it is seen now. @param {number[]} size north, east and down, m */
+  frame([north, east, down]) {
+    const [c, s] = [Math.abs(Math.cos(this.turn)), Math.abs(Math.sin(this.turn))];
+    this.across = east * c + north * s;
+    this.tall = (north * c + east * s) * Math.cos(this.tilt) + down * Math.sin(this.tilt);
+    this.unframed = false;
+  }
+
   /** The view has so many pixels. @param {number} width @param {number} height */
   lens(width, height) {
     this.width = width;
     this.height = height;
-    this.perMetre = (this.scale * 0.72 * Math.min(width, height * 1.5)) / this.extent;
+    this.perMetre = this.scale * Math.min((0.9 * width) / this.across, (height - ABOVE - BELOW) / this.tall);
+    this.middle = [width / 2 + this.shift[0], (height + ABOVE - BELOW) / 2 + this.shift[1]];
     this.cosTurn = Math.cos(this.turn);
     this.sinTurn = Math.sin(this.turn);
     this.cosTilt = Math.cos(this.tilt);
@@ -41,7 +57,7 @@ export class Camera {
    */
   place(north, east, down) {
     const [x, y] = this.direction(north - this.north, east - this.east, down - this.down);
-    return [this.width / 2 + this.perMetre * x, this.height / 2 + this.perMetre * y];
+    return [this.middle[0] + this.perMetre * x, this.middle[1] + this.perMetre * y];
   }
 
   /** A vector in local NED as it looks, in pixels for a metre's worth of one. @param {number} n @param {number} e @param {number} d */
@@ -62,14 +78,22 @@ export class Camera {
     this.scale = Math.min(200, Math.max(0.02, this.scale * times));
   }
 
+  /** What is held goes along. @param {number} x @param {number} y px */
+  pan(x, y) {
+    this.shift = [this.shift[0] + x, this.shift[1] + y];
+  }
+
   fit() {
     this.scale = 1;
+    this.shift = [0, 0];
     this.follow = false;
+    this.unframed = true;
     if (this.tilt === 0) Object.assign(this, FIRST);
   }
 
   top() {
     Object.assign(this, TOP);
+    this.unframed = true;
   }
 }
 
@@ -109,9 +133,10 @@ export function handle(camera, canvas, buttons, changed) {
 
   /** @type {Map<number, [number, number]>} */
   const held = new Map();
-  const apart = () => {
+  /** How far two fingers are apart, and how low they are, px. */
+  const pair = () => {
     const [a, b] = [...held.values()];
-    return Math.hypot(a[0] - b[0], a[1] - b[1]);
+    return [Math.hypot(a[0] - b[0], a[1] - b[1]), (a[1] + b[1]) / 2];
   };
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
@@ -120,10 +145,16 @@ export function handle(camera, canvas, buttons, changed) {
   canvas.addEventListener("pointermove", (event) => {
     const from = held.get(event.pointerId);
     if (!from) return;
-    const before = held.size === 2 ? apart() : 0;
+    const before = held.size === 2 ? pair() : [0, 0];
     held.set(event.pointerId, [event.clientX, event.clientY]);
-    if (held.size === 2 && before > 0) camera.zoom(apart() / before);
-    else if (held.size === 1) camera.orbit((event.clientX - from[0]) * 0.008, (from[1] - event.clientY) * 0.008);
+    const [x, y] = [event.clientX - from[0], event.clientY - from[1]];
+    if (held.size === 2 && before[0] > 0) {
+      // One finger up and down is the page's; two tilt.
+      const now = pair();
+      camera.zoom(now[0] / before[0]);
+      camera.orbit(0, (before[1] - now[1]) * 0.008);
+    } else if (held.size === 1 && event.shiftKey) camera.pan(x, y);
+    else if (held.size === 1) camera.orbit(-x * 0.008, -y * 0.008); // what is near goes with the hand
     changed();
   });
   for (const end of ["pointerup", "pointercancel"]) {

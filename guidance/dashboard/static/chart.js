@@ -45,9 +45,11 @@ export class Chart {
     const caption = make("figcaption");
     caption.append(make("b", "", spec.title));
     this.figures = spec.series.map((series) => {
-      const label = make("span", `key ${series.dash ? "dashed " : ""}series-${series.colour}`, series.label);
-      const value = make("span", "value");
-      label.append(value);
+      const label = make("span", `key drawn series-${series.colour}`);
+      const line = make("span", "line");
+      line.style.backgroundImage = pattern(series.dash);
+      const value = make("b", "value");
+      label.append(line, series.label, value);
       caption.append(label);
       return value;
     });
@@ -95,13 +97,13 @@ export class Chart {
     }
     c.save();
     c.beginPath();
-    c.rect(LEFT, 0, inner + 2, height);
+    c.rect(LEFT, 0, inner + 2, height - BOTTOM + 1);
     c.clip();
     c.lineJoin = "round";
     // The measured ones lie under what they are held against.
     for (let k = columns.length - 1; k >= 0; k--) {
       c.strokeStyle = colours[spec.series[k].colour];
-      c.lineWidth = 1.6;
+      c.lineWidth = 2;
       c.setLineDash(spec.series[k].dash ?? []);
       trace(c, rows, first, columns[k], across, (v) => up(v * this.times));
     }
@@ -138,6 +140,17 @@ export class Chart {
       c.fillText(s ? `−${s} s` : "now", x, height - 4);
     }
   }
+}
+
+/** A line of a key, dashed as it is drawn. @param {number[]} [dash] */
+function pattern(dash = [1, 0]) {
+  let at = 0;
+  const stops = dash.map((length, k) => {
+    const from = at;
+    at += length;
+    return `${k % 2 ? "transparent" : "currentColor"} ${from}px ${at}px`;
+  });
+  return `repeating-linear-gradient(90deg, ${stops.join(", ")})`;
 }
 
 /**

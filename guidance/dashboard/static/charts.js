@@ -36,6 +36,12 @@ const BEFORE = [
     ],
   },
   {
+    id: "distance",
+    title: "Error |e|, m, by powers of ten",
+    log: true,
+    series: [{ column: "error_peak", words: "error", label: "|e|", colour: "a" }],
+  },
+  {
     id: "lyapunov",
     title: "V1, V2",
     log: true,
@@ -47,34 +53,33 @@ const BEFORE = [
 ];
 const speed = against("speed", "Speed, m/s", "speed_set", "speed", { span: 0.5 });
 const yaw = against("yaw-rate", "Yaw rate, rad/s", "yaw_rate_set", "yaw_rate", { span: 0.2, decimals: 3 });
+const rollRate = against("roll-rate", "Roll rate, rad/s", "roll_rate_set", "roll_rate", { span: 0.2, decimals: 3, optional: true });
+const pitchRate = against("pitch-rate", "Pitch rate, rad/s", "pitch_rate_set", "pitch_rate", { span: 0.2, decimals: 3, optional: true });
+const airspeed = against("airspeed", "Airspeed, m/s", "airspeed_set", "airspeed", { span: 2, decimals: 1, optional: true });
+const level = [
+  against("v-north", "Velocity north, m/s", "v_north_set", "v_north", { span: 0.5 }),
+  against("v-east", "Velocity east, m/s", "v_east_set", "v_east", { span: 0.5 }),
+];
 const thrust = /** @type {Spec} */ ({ id: "thrust", title: "Thrust, 0 to 1", span: 0.2, zero: true, series: [{ column: "thrust", label: "set", colour: "a" }] });
 
-/** @type {Record<string, Spec[]>} */
+/** By what a vehicle is told: `asked` of `about`. @type {Record<string, Spec[]>} */
 const COMMANDED = {
-  rates: [
-    yaw,
-    speed,
-    against("pitch-rate", "Pitch rate, rad/s", "pitch_rate_set", "pitch_rate", { span: 0.2, decimals: 3, optional: true }),
-    against("roll-rate", "Roll rate, rad/s", "roll_rate_set", "roll_rate", { span: 0.2, decimals: 3, optional: true }),
-    thrust,
-  ],
-  airplane: [
+  rates_speed: [yaw, speed, pitchRate, rollRate, thrust],
+  rates_throttle: [yaw, pitchRate, rollRate, thrust, airspeed],
+  attitude_throttle: [
     against("bank", "Bank, °", "bank_set", "bank", { span: 10, decimals: 1, times: DEG }),
     against("pitch", "Pitch, °", "pitch_set", "pitch", { span: 5, decimals: 1, times: DEG }),
-    against("airspeed", "Airspeed, m/s", "airspeed_set", "airspeed", { span: 2, decimals: 1 }),
+    airspeed,
     thrust,
   ],
-  copter: [
-    against("v-north", "Velocity north, m/s", "v_north_set", "v_north", { span: 0.5 }),
-    against("v-east", "Velocity east, m/s", "v_east_set", "v_east", { span: 0.5 }),
-    against("v-down", "Velocity down, m/s", "v_down_set", "v_down", { span: 0.5 }),
-    yaw,
-  ],
+  velocity: [...level, against("v-down", "Velocity down, m/s", "v_down_set", "v_down", { span: 0.5 }), yaw],
+  level_velocity: level,
 };
+const COMMON = "rates_speed";
 
 /** @type {Spec[]} */
 const AFTER = [
-  { id: "lateness", title: "Loop lateness, ms (below)", times: 1e3, decimals: 1, span: 1, zero: true, series: [{ column: "lateness", label: "last second", colour: "a" }] },
+  { id: "lateness", title: "Loop lateness, ms, at most", times: 1e3, decimals: 1, span: 1, zero: true, series: [{ column: "lateness", label: "last second", colour: "a" }] },
   {
     id: "ages",
     title: "Age of data, ms",
@@ -90,11 +95,6 @@ const AFTER = [
   },
 ];
 
-/** What is commanded, by the profile's name. @param {string} profile */
-function kindOf(profile) {
-  return profile.includes("plane") ? "airplane" : profile.includes("copter") ? "copter" : "rates";
-}
-
 export class Charts {
   /** @param {HTMLElement} place */
   constructor(place) {
@@ -105,9 +105,9 @@ export class Charts {
     this.show("");
   }
 
-  /** The charts of a vehicle of this profile. @param {string} profile */
-  show(profile) {
-    const kind = kindOf(profile);
+  /** The charts of a vehicle that is told so. @param {string} asked */
+  show(asked) {
+    const kind = Object.hasOwn(COMMANDED, asked) ? asked : COMMON;
     if (kind === this.kind) return;
     this.kind = kind;
     this.charts = [...BEFORE, ...COMMANDED[kind], ...AFTER].map((spec) => new Chart(spec));

@@ -1,6 +1,6 @@
 /** The fleet at a glance: one line per vehicle, with a button that shows it. */
 
-import { duration, figure, look, make, put, UNKNOWN } from "./words.js";
+import { duration, figure, look, make, put, quietLink, UNKNOWN } from "./words.js";
 
 export class FleetTable {
   /** @param {HTMLTableElement} table @param {(vehicle: string) => void} see */
@@ -56,13 +56,15 @@ export class FleetTable {
     put(state.children[1], word + remarks(seen));
     put(mode, seen.mode || UNKNOWN);
     put(link, linkWords(seen));
-    put(error, seen.error_m == null ? UNKNOWN : `${figure(seen.error_m, 2)} m`);
+    line.title = seen.vehicle;
+    put(error, seen.error_m == null ? UNKNOWN : `${figure(seen.error_m, seen.error_m < 100 ? 2 : 0)} m`);
   }
 }
 
 /** What is odd about it, in words. @param {any} seen */
 export function remarks(seen) {
   const odd = [];
+  if (seen.contact === "live" && quietLink(seen)) odd.push(`link quiet ${duration(seen.heartbeat_age_s)}`);
   if (seen.doubled) odd.push("two services!");
   if (seen.versions.length) odd.push(`schema ${seen.versions.join(", ")}`);
   return odd.length ? `, ${odd.join(", ")}` : "";
@@ -71,6 +73,6 @@ export function remarks(seen) {
 /** The way to the autopilot and back, or how long it is quiet. @param {any} seen */
 function linkWords(seen) {
   if (seen.contact !== "live") return UNKNOWN;
-  if (seen.heartbeat_age_s != null && seen.heartbeat_age_s > 2) return `quiet ${duration(seen.heartbeat_age_s)}`;
+  if (quietLink(seen)) return "quiet";
   return seen.round_trip_s == null ? UNKNOWN : `${figure(seen.round_trip_s * 1e3, 1)} ms`;
 }

@@ -28,7 +28,7 @@ const charts = new Charts($("charts"));
 const scene = new Scene($("scene"));
 const panel = new VehiclePanel();
 const events = new Events($("event-list"), $("events-all"));
-const fleet = new FleetTable($("fleet"), see);
+const fleet = new FleetTable($("fleet"), chosen);
 const orders = new Orders((message, fresh) => live.send(message, fresh));
 let windowS = 60;
 /** The vehicle that is chosen, and the one whose rows come: not the same while the server has not heard of it. */
@@ -99,6 +99,12 @@ function see(vehicle) {
   if (begun !== shown) ask();
 }
 
+/** On a narrow page the fleet stands above the vehicle. @param {string} vehicle */
+function chosen(vehicle) {
+  see(vehicle);
+  if (matchMedia("(max-width: 75rem)").matches) $("vehicle").scrollIntoView();
+}
+
 function ask() {
   askedMs = performance.now();
   live.send({ ask: "see", vehicle: shown });
@@ -159,7 +165,7 @@ const take = {
     if (said.vehicle !== shown) return;
     detail(said);
     orders.show(said);
-    charts.show(said.session?.profile ?? "");
+    charts.show(said.asked);
   },
   plan(said) {
     if (said.vehicle === shown) scene.plan = said;

@@ -27,7 +27,7 @@ export class Rows {
     for (let i = 0; i + this.width <= rows.length; i += this.width) {
       const wrapped = rows[i];
       // The server counts modulo wrapS; instants of this page go on.
-      const turns = Math.round((this.lastS - wrapped) / this.wrapS);
+      const turns = Math.ceil((this.lastS - wrapped) / this.wrapS - 1e-6);
       this.lastS = this.held ? wrapped + turns * this.wrapS : wrapped;
       this.data.set(rows.subarray(i, i + this.width), this.head * this.width);
       this.times[this.head] = this.lastS;
@@ -51,6 +51,13 @@ export class Rows {
   /** The newest figure, NaN if there is none. @param {string} column */
   newest(column) {
     return this.held && column in this.at ? this.get(this.held - 1, column) : NaN;
+  }
+
+  /** The newest row in which a figure is known, as the i-th oldest; -1 if there is none. @param {string} column */
+  known(column) {
+    let i = column in this.at ? this.held - 1 : -1;
+    while (i >= 0 && Number.isNaN(this.get(i, column))) i -= 1;
+    return i;
   }
 
   /** The instant now, on the rows' clock: it goes on when nothing comes. */

@@ -4,7 +4,7 @@ import { roundStep } from "./axis.js";
 import { Camera } from "./camera.js";
 import { fitted } from "./canvas.js";
 import { colours } from "./theme.js";
-import { figure } from "./words.js";
+import { duration, figure } from "./words.js";
 
 /** @typedef {import("./rows.js").Rows} Rows */
 /** @typedef {[number, number, number]} Triple */
@@ -14,6 +14,8 @@ import { figure } from "./words.js";
 const POINTS_MAX = 1500;
 const FIELD_PX = 64;
 const BODY_PX = 26;
+/** A fence is fitted into the view if it is no wider than so many times the paths. */
+const FENCE_TIMES = 4;
 /** The outline of the vehicle in body axes (x ahead, y right, z down): from above, and its fin. */
 const HULL = /** @type {Triple[]} */ ([[1, 0, 0], [-0.8, 0.62, 0], [-0.45, 0, 0], [-0.8, -0.62, 0]]);
 const FIN = /** @type {Triple[]} */ ([[-0.1, 0, 0], [-0.75, 0, -0.5], [-0.62, 0, 0]]);
@@ -50,21 +52,23 @@ export class Scene {
   /** @param {Rows} rows @param {number} windowS paths are drawn over so long */
   draw(rows, windowS) {
     const { c, width, height } = fitted(this.canvas);
-    this.first = rows.since(rows.nowS() - windowS);
+    const last = this.#lastPose(rows);
+    // The way of a vehicle that is lost stays: it is what a search needs.
+    this.first = rows.since((last?.old ? last.atS : rows.nowS()) - windowS);
     const found = bounds(rows, this.first) ?? bounds(rows, 0);
     if (!found || width < 2) return;
     if (this.plan?.whole && this.origin) widen(found, this.plan.points, this.origin);
+    if (this.fence) include(found, this.fence);
     this.#fit(found);
     const { camera } = this;
-    const last = this.#lastPose(rows);
     if (camera.follow && last) camera.aim(last.place[0], last.place[1], last.place[2]);
     camera.lens(width, height);
     c.lineJoin = c.lineCap = "round";
     const ground = this.#ground(c, found);
     if (this.fence) this.#fence(c, this.fence, ground);
-    this.#path(c, rows, "north", { colour: colours.soft, width: 1, alpha: 0.35, dash: [], down: ground });
+    this.#path(c, rows, "north", { colour: colours.soft, width: 1, alpha: 0.7, dash: [], down: ground });
     if (this.plan && this.origin) this.#plan(c, this.plan.points, this.origin);
-    this.#path(c, rows, "ref_north", { colour: colours.b, width: 5, alpha: 0.75, dash: [9, 9] });
+    this.#path(c, rows, "ref_north", { colour: colours.b, width: 4, alpha: 0.6, dash: [] });
     this.#path(c, rows, "north", { colour: colours.a, width: 2, alpha: 1, dash: [] });
     if (last) this.#vehicle(c, last, ground);
     this.#compass(c, height);
@@ -75,10 +79,11 @@ export class Scene {
     const held = this.bounds;
     const size = Math.max(2, ...found.map(([low, high]) => high - low));
     const outside = held && found.some(([low, high], k) => low < held[k][0] - 1e-9 || high > held[k][1] + 1e-9);
-    if (!held || outside || size < 0.3 * this.extent) {
-      const pad = 0.12 * size;
-      this.bounds = found.map(([low, high]) => [low - pad, high + pad]);
-      this.extent = this.camera.extent = size;
+    if (!held || outside || size < 0.3 * this.extent || this.camera.unframed) {
+      const pad = 0.06 * size;
+      this.bounds = /** @type {Box} */ (found.map(([low, high]) => [low - pad, high + pad]));
+      this.extent = size;
+      this.camera.frame(this.bounds.map(([low, high]) => Math.max(high - low, 0.1 * size)));
     }
     if (this.bounds && !this.camera.follow) {
       const [n, e, d] = this.bounds.map(([low, high]) => (low + high) / 2);
@@ -88,15 +93,19 @@ export class Scene {
 
   /** The newest pose that is known, however old. @param {Rows} rows */
   #lastPose(rows) {
-    for (let i = rows.held - 1; i >= 0; i--) {
-      const at = rows.slot(i) * rows.width;
-      const column = (/** @type {string} */ name, count = 1) => rows.data.subarray(at + rows.at[name], at + rows.at[name] + count);
-      const place = column("north", 3);
-      if (!Number.isNaN(place[0])) {
-        return { place, q: column("qw", 4), field: column("field_x", 3), reference: column("ref_north", 3), newest: i === rows.held - 1 };
-      }
-    }
-    return null;
+    const i = rows.known("north");
+    if (i < 0) return null;
+    const at = rows.slot(i) * rows.width;
+    const column = (/** @type {string} */ name, count = 1) => rows.data.subarray(at + rows.at[name], at + rows.at[name] + count);
+    return {
+      place: column("north", 3),
+      q: column("qw", 4),
+      field: column("field_x", 3),
+      reference: column("ref_north", 3),
+      old: i < rows.held - 1 || !rows.fresh(),
+      atS: rows.times[rows.slot(i)],
+      ageS: rows.nowS() - rows.times[rows.slot(i)],
+    };
   }
 
   /** A grid below everything; its down coordinate is returned. @param {CanvasRenderingContext2D} c @param {Box} found */
@@ -207,9 +216,11 @@ export class Scene {
 
   /**
    * @param {CanvasRenderingContext2D} c
-   * @param {{place: Float32Array, q: Float32Array, field: Float32Array, reference: Float32Array}} pose @param {number} ground
+   * An old pose is an outline with its age, and nothing that it was to do.
+   * @param {{place: Float32Array, q: Float32Array, field: Float32Array, reference: Float32Array, old: boolean, ageS: number}} pose
+   * @param {number} ground
    */
-  #vehicle(c, { place, q, field, reference }, ground) {
+  #vehicle(c, { place, q, field, reference, old, ageS }, ground) {
     const { camera } = this;
     const [n, e, d] = place;
     const [x, y] = camera.place(n, e, d);
@@ -222,8 +233,8 @@ export class Scene {
       shape.forEach((corner, k) => (k ? c.lineTo(...at(corner, BODY_PX)) : c.moveTo(...at(corner, BODY_PX))));
       c.closePath();
       c.fillStyle = fill;
-      c.fill();
-      c.strokeStyle = colours.panel;
+      if (!old) c.fill();
+      c.strokeStyle = old ? colours.soft : colours.panel;
       c.lineWidth = 1.5;
       c.stroke();
     };
@@ -235,7 +246,13 @@ export class Scene {
     c.lineTo(...camera.place(n, e, ground));
     c.stroke();
     c.setLineDash([]);
-    if (!Number.isNaN(reference[0])) {
+    if (old) {
+      c.fillStyle = colours.ink;
+      c.font = "600 12px system-ui, sans-serif";
+      c.textAlign = "center";
+      c.fillText(`position ${duration(ageS)} old`, x, y + BODY_PX + 16);
+    }
+    if (!old && !Number.isNaN(reference[0])) {
       const [rx, ry] = camera.place(reference[0], reference[1], reference[2]);
       c.strokeStyle = colours.b;
       c.lineWidth = 1.5;
@@ -249,7 +266,7 @@ export class Scene {
       c.stroke();
     }
     const size = Math.hypot(...field);
-    if (size > 1e-9) {
+    if (!old && size > 1e-9) {
       const tip = at([field[0] / size, field[1] / size, field[2] / size], FIELD_PX);
       arrow(c, [x, y], tip, colours.d);
     }
@@ -304,6 +321,17 @@ function widen(box, points, origin) {
     span[0] = Math.min(span[0], origin[i % 3] + metres);
     span[1] = Math.max(span[1], origin[i % 3] + metres);
   });
+}
+
+/** Make room for a fence that is not much wider than the rest. @param {Box} box @param {Fence} fence */
+function include(box, { corners }) {
+  const wide = Math.max(2, box[0][1] - box[0][0], box[1][1] - box[1][0]);
+  const room = [0, 1].map((k) => {
+    const along = corners.map((corner) => corner[k]);
+    return [Math.min(box[k][0], ...along), Math.max(box[k][1], ...along)];
+  });
+  if (room.some(([low, high]) => high - low > FENCE_TIMES * wide)) return;
+  room.forEach(([low, high], k) => { box[k] = [low, high]; });
 }
 
 /** @param {CanvasRenderingContext2D} c @param {[number, number]} from @param {[number, number]} to @param {string} colour */

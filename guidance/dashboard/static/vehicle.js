@@ -21,13 +21,16 @@ const BLOCKS = new Map([
 
 const $ = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
-/** What stands beside the scene: name, unit, and the figure. @type {[string, string, (rows: import("./rows.js").Rows, seen: any) => string][]} */
+/**
+ * What stands beside the scene: name, unit, the figure, and the column of what is told of a vehicle that is lost.
+ * @type {[string, string, (rows: import("./rows.js").Rows, seen: any) => string, string?][]}
+ */
 const READINGS = [
   ["Error", "m", (rows) => figure(rows.newest("error"), 3)],
   ["Speed", "m/s", (rows) => figure(rows.newest("speed"), 2)],
-  ["Up", "m", (rows) => figure(-rows.newest("down"), 2)],
-  ["North", "m", (rows) => figure(rows.newest("north"), 2)],
-  ["East", "m", (rows) => figure(rows.newest("east"), 2)],
+  ["Up", "m", (rows) => figure(-rows.newest("down"), 2), "down"],
+  ["North", "m", (rows) => figure(rows.newest("north"), 2), "north"],
+  ["East", "m", (rows) => figure(rows.newest("east"), 2), "east"],
   ["Setpoints", "Hz", (_, seen) => figure(seen?.setpoint_rate_hz, 1)],
   ["Round trip", "ms", (_, seen) => figure(seen?.round_trip_s == null ? null : seen.round_trip_s * 1e3, 1)],
   ["Lost", "packets", (_, seen) => (seen?.lost == null ? UNKNOWN : String(seen.lost))],
@@ -35,6 +38,8 @@ const READINGS = [
 
 export class VehiclePanel {
   constructor() {
+    /** @type {HTMLElement[]} */
+    this.terms = [];
     this.values = READINGS.map(([name, unit]) => {
       const value = make("b", "value");
       const pair = make("div");
@@ -43,6 +48,7 @@ export class VehiclePanel {
       figures.append(value, make("span", "unit", unit));
       pair.append(term, figures);
       $("readings").append(pair);
+      this.terms.push(term);
       return value;
     });
   }
@@ -103,7 +109,14 @@ export class VehiclePanel {
   /** The figures beside the scene. @param {import("./rows.js").Rows} rows @param {any} seen */
   readings(rows, seen) {
     const live = seen?.contact === "live" && rows.fresh();
-    READINGS.forEach(([, , read], k) => put(this.values[k], live ? read(rows, seen) : UNKNOWN));
+    READINGS.forEach(([name, , read, column], k) => {
+      const i = column && (!live || Number.isNaN(rows.newest(column))) ? rows.known(column) : -1;
+      const last = column && i >= 0 ? rows.get(i, column) : NaN;
+      put(this.terms[k], i >= 0 ? `Last ${name.toLowerCase()}` : name);
+      this.values[k].classList.toggle("old", i >= 0);
+      if (i >= 0) put(this.values[k], figure(column === "down" ? -last : last, 2));
+      else put(this.values[k], live ? read(rows, seen) : UNKNOWN);
+    });
   }
 }
 

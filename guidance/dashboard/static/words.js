@@ -42,7 +42,7 @@ export const STATES = {
   arming: ["busy", "◐", "engaging: arming"],
   tracking: ["good", "●", "in control"],
   pausing: ["warn", "◐", "stopping"],
-  holding: ["warn", "❚❚", "held"],
+  holding: ["warn", "‖", "held"],
   aborting: ["bad", "◐", "aborting"],
   cancelling: ["warn", "◐", "engaging is cancelled"],
   "backing-out": ["warn", "◐", "control is given back"],
@@ -54,16 +54,22 @@ export const STATES = {
 
 /**
  * How a vehicle looks: its state while it is heard, else how it is heard.
- * @param {{contact: string, state: string|null, quiet_s: number}} seen
+ * @param {{contact: string, state: string|null, quiet_s: number, doubled: boolean, heartbeat_age_s?: number|null}} seen
  * @returns {{tone: string, glyph: string, word: string}}
  */
 export function look(seen) {
-  if (seen.contact === "silent") return { tone: "bad", glyph: "✕", word: `silent ${duration(seen.quiet_s)}` };
-  if (seen.contact === "gone") return { tone: "idle", glyph: "✕", word: `gone ${duration(seen.quiet_s)}` };
+  if (seen.contact !== "live") {
+    const quiet = duration(seen.quiet_s).replace(" ", "\u00a0");
+    return { tone: seen.contact === "silent" ? "bad" : "idle", glyph: "✕", word: `${seen.contact}\u00a0${quiet}` };
+  }
   const state = seen.state ?? "";
   const [tone, glyph] = Object.hasOwn(STATES, state) ? STATES[state] : ["idle", "?"];
-  return { tone, glyph, word: seen.state ?? "unknown" };
+  const [worst, sign] = seen.doubled || quietLink(seen) ? ["bad", "!"] : [tone, glyph];
+  return { tone: worst, glyph: sign, word: seen.state ?? "unknown" };
 }
+
+/** Whether the service hears its autopilot no more. @param {{heartbeat_age_s?: number|null}} seen */
+export const quietLink = ({ heartbeat_age_s }) => heartbeat_age_s != null && heartbeat_age_s > 2;
 
 /** Set a text only when it changed. @param {Element} element @param {string} text */
 export function put(element, text) {

@@ -136,7 +136,7 @@ export class Chart {
     for (let k = 0; k <= 3; k++) {
       const x = LEFT + (inner * k) / 3;
       const s = (windowS * (3 - k)) / 3;
-      c.textAlign = k === 3 ? "right" : k === 0 ? "left" : "center";
+      c.textAlign = k === 3 ? "right" : "center";
       c.fillText(s ? `−${s} s` : "now", x, height - 4);
     }
   }

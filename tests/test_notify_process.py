@@ -59,7 +59,7 @@ def test_a_flight_as_the_manager_sees_it(tmp_path: Path, monkeypatch: pytest.Mon
             assert (manager.all("READY"), manager.all("STOPPING")) == (["1"], ["1"])
             said = manager.all("STATUS")
             assert said[0].startswith("disconnected: no bytes yet")
-            assert said[-1] == "finished: hold confirmed"
+            assert said[-1] == "finished: manual confirmed"
             assert any(text.startswith("connected: ") for text in said)
 
     asyncio.run(main())

@@ -30,7 +30,7 @@ MAVPROXY = [
 ]
 GROUND_STATION = 255
 COMPANION = 191
-HANDED_OVER = re.compile(r"handed-over: .*mode.* hold\b")
+HANDED_OVER = re.compile(r"handed-over: .*mode.* (loiter|hold)\b")
 
 
 class RoutedVehicle(VehicleEnd):

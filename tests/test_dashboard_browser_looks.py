@@ -168,16 +168,19 @@ def test_ten_vehicles_of_any_name_fit(browser: Browser, width: int, height: int)
     with scripted(browser, viewport={"width": width, "height": height}) as (script, page):
         odd: list[dict[str, Any]] = [
             seen(LONG, error_m=1234.56, mode="AUTO.LOITER", round_trip_s=0.0123),
+            seen("guided", error_m=0.1, mode="offboard", round_trip_s=0.0123),
             seen("holder", "holding", error_m=0.1),
             seen("lost", contact="silent", quiet_s=34.0),
             seen("deaf", heartbeat_age_s=5.0, error_m=0.2),
             seen("twins", doubled=True),
         ]
-        script.fleet += [*odd, *(seen(f"rover-{k}", error_m=0.25) for k in range(3))]
+        script.fleet += [*odd, *(seen(f"rover-{k}", error_m=0.25) for k in range(2))]
         script.tell()
         expect(page.locator("#fleet tbody tr")).to_have_count(10)
         assert overflow_px(page) <= 0
         assert page.evaluate(CUT_OFF) == []
+        mode = page.locator("#fleet tr[data-vehicle=guided] td").nth(1)
+        assert mode.evaluate("(cell) => cell.scrollWidth <= cell.clientWidth")
         for name in ("deaf", "twins", "lost"):
             expect(page.locator(f"#fleet tr[data-vehicle={name}]")).to_have_attribute("data-tone", "bad")
         expect(page.locator("#fleet tr[data-vehicle=deaf] .state")).to_contain_text("link quiet 5.0 s")

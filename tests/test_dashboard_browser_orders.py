@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -170,9 +171,12 @@ def test_what_is_loaded_is_what_the_question_lists_and_the_form_shows(browser: B
         page.locator("#load button[type=submit]").click()
         expect(page.locator("#confirm-question")).to_have_text("Load circle into alpha?")
         expect(page.locator("#confirm-values")).to_contain_text(
-            "radius, m: 4; speed, m/s: 1; clockwise, seen from above: yes"
+            re.compile("radius, m: 4.*speed, m/s: 1.*clockwise, seen from above: yes", re.DOTALL)
         )
         picture(page, "load-asked")
+        page.emulate_media(color_scheme="dark")
+        assert faint_texts(page, "#status") == []
+        picture(page, "load-asked-dark")
         radius.fill("9")
         expect(page.locator("#confirm")).to_be_hidden()
         page.locator("#load button[type=submit]").click()
@@ -180,7 +184,7 @@ def test_what_is_loaded_is_what_the_question_lists_and_the_form_shows(browser: B
         expect(page.locator("#confirm")).to_be_hidden()
         page.locator("#load button[type=submit]").click()
         expect(page.locator("#confirm-values")).to_contain_text(
-            "radius, m: 9; speed, m/s: 1; clockwise, seen from above: no"
+            re.compile("radius, m: 9.*speed, m/s: 1.*clockwise, seen from above: no", re.DOTALL)
         )
         page.locator("#confirm-yes").click()
         script.until(lambda: bool(script.orders()))

@@ -125,7 +125,7 @@ export class Orders {
     const { vehicle } = this;
     this.asked = { vehicle, verb, fields };
     put($("confirm-question"), MOVING[verb](vehicle, fields));
-    put($("confirm-values"), verb === "load" ? this.#filledIn() : "");
+    $("confirm-values").replaceChildren(...(verb === "load" ? this.#filledIn() : []));
     put($("confirm-yes"), `${verb[0].toUpperCase()}${verb.slice(1)} ${verb === "load" ? fields.trajectory.name : vehicle}`);
     $("confirm").hidden = false;
     $("confirm-no").focus();
@@ -207,13 +207,14 @@ export class Orders {
     $("load").replaceChildren(label, ...inputs, submit);
   }
 
-  /** The form's values in words. */
+  /** The form's values, each with its words. */
   #filledIn() {
     const inputs = /** @type {NodeListOf<HTMLInputElement>} */ ($("load").querySelectorAll("input"));
     return [...inputs].map((input) => {
-      const value = input.type === "checkbox" ? (input.checked ? "yes" : "no") : String(input.valueAsNumber);
-      return `${input.parentElement?.textContent}: ${value}`;
-    }).join("; ");
+      const item = make("li", "", `${input.parentElement?.textContent}: `);
+      item.append(make("b", "", input.type === "checkbox" ? (input.checked ? "yes" : "no") : String(input.valueAsNumber)));
+      return item;
+    });
   }
 
   #trajectory() {

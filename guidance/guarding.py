@@ -63,6 +63,7 @@ class Guards:
     def rebooted(self) -> None:
         """Another autopilot, as it were: nothing is known of its batteries and switches."""
         self._percent: int | None = None
+        self._armed = False
         self._stop_switch = False
         self._outputs_off = False
         self._batteries: dict[int, BatteryStatus] = {}
@@ -100,8 +101,10 @@ class Guards:
 
     def look(self, state: Estimate | str, in_state: State, now_ns: int) -> None:
         """Look at all of them; `state` is the estimate, or why there is none."""
-        if not self._link.armed:  # ArduPilot does not arm while it is stopped: the next flight is another
+        armed = bool(self._link.armed)
+        if self._armed and not armed:  # the next flight is another
             self._stop_switch = False
+        self._armed = armed
         in_control = in_state in IN_CONTROL
         if in_control and not self._in_control:
             self._control_ns = now_ns

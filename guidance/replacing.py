@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from shutil import copymode
 
 from guidance.telemetry.log import MAGIC
 
@@ -35,6 +36,8 @@ def replacing(path: Path) -> Iterator[Fill]:
             target = path.resolve()
             part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
             part.open("wb").close()
+            if target.exists():
+                copymode(target, part)
     except OSError as error:
         raise ValueError(f"{path}: cannot be written: {error.strerror}") from None
 

@@ -127,3 +127,5 @@ def _check_images(directory: Path) -> None:
         raise failed("guidance", f"{directory}: cannot be written: {error.strerror}") from None
     except LogInTheWayError as error:
         raise refused("guidance", error) from None
+    except ValueError as error:
+        raise failed("guidance", error) from None

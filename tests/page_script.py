@@ -81,8 +81,8 @@ class Script:
             at_s=7.0,
         )
 
-    def begin(self, vehicle: str) -> None:
-        self.sockets[-1].send(begins(vehicle))
+    def begin(self, vehicle: str, kept: int = 0, age_s: float = 0.0) -> None:
+        self.sockets[-1].send(begins(vehicle, kept, age_s))
 
     def rows(self, count: int = 20, **figures: float) -> None:
         """Rows of 20 Hz: nothing but these figures is known."""

@@ -20,6 +20,9 @@ NOTE_TEXTS = """() => { window.texts = new Set();
     brush.fillText = function (text, ...at) { texts.add(text); fill.call(this, text, ...at); }; }"""
 
 
+PIXELS = "document.getElementById('scene').toDataURL()"
+
+
 @pytest.fixture(name="browser", scope="module")
 def one_browser() -> Iterator[Browser]:
     expect.set_options(timeout=PATIENCE_MS)
@@ -188,6 +191,45 @@ def test_ten_vehicles_of_any_name_fit(browser: Browser, width: int, height: int)
         picture(page, f"fleet-{width}")
 
 
+def test_what_is_kept_of_a_vehicle_that_is_lost_is_as_old_as_it_is(browser: Browser) -> None:
+    with scripted(browser) as (script, page):
+        page.evaluate(NOTE_TEXTS)
+        script.fleet[0] = seen("alpha", contact="silent", quiet_s=600.0)
+        script.tell()
+        script.begin("alpha", kept=20, age_s=600.0)
+        script.rows(20, error=0.2, **AT)
+        script.flow(0.3)
+        page.wait_for_function("[...texts].some((text) => text.startsWith('position'))")
+        assert "position 10 min old" in texts(page)
+        expect(page.locator("#readings")).to_contain_text("Last north\N{MINUS SIGN}1.52")
+        script.rows(1, error=0.2, **AT)  # it is back
+        texts(page)
+        script.flow(0.2)
+        assert not any(text.startswith("position") for text in texts(page))
+
+
+def test_another_vehicle_is_fitted_anew_wherever_the_last_one_was_left(browser: Browser) -> None:
+    with scripted(browser) as (script, page):
+        script.rows(20, error=0.2, **AT)
+        script.flow(0.2)
+        first = page.evaluate(PIXELS)
+        at = page.locator("#scene").bounding_box()
+        assert at is not None
+        page.keyboard.down("Shift")
+        page.mouse.move(at["x"] + 100, at["y"] + 100)
+        page.mouse.down()
+        page.mouse.move(at["x"] + 5000, at["y"] + 100)
+        page.mouse.up()
+        page.keyboard.up("Shift")
+        script.flow(0.2)
+        assert page.evaluate(PIXELS) != first
+        page.locator("#fleet tr[data-vehicle=bravo]").click()
+        script.introduce("bravo")
+        script.rows(20, error=0.2, **AT)
+        script.flow(0.2)
+        assert page.evaluate(PIXELS) == first
+
+
 def test_on_a_phone_abort_is_in_reach_wherever_the_page_is(browser: Browser) -> None:
     with scripted(browser, viewport=PHONE) as (script, page):
         script.rows(20, error=0.2, **AT)
@@ -204,5 +246,9 @@ def test_on_a_phone_abort_is_in_reach_wherever_the_page_is(browser: Browser) -> 
         expect(abort).to_be_in_viewport(ratio=1)
         expect(page.locator("#event-list")).to_be_in_viewport()
         picture(page, "phone-abort")
+        before = abort.bounding_box()
+        script.flow(1.0)
+        expect(page.locator("#alarm")).to_be_visible()
+        assert abort.bounding_box() == before, "it does not move away under a thumb"
         abort.click()
         script.until(lambda: script.orders() == [("bravo", "abort")])

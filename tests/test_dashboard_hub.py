@@ -339,6 +339,46 @@ def test_rows_of_hours_ago_do_not_stand_beside_those_of_now() -> None:
     flown.turn()
 
 
+def test_the_age_of_the_newest_row_is_known() -> None:
+    flown = Flown()
+    assert flown.hub.age_s("uuv-1") == 0.0
+    flown.fly(3)
+    assert flown.hub.age_s("uuv-1") == 0.0
+    while flown.hub.seen[0].contact == "live":
+        flown.turn()
+    flown.now_ns += 100 * S
+    flown.turn()
+    assert flown.hub.age_s("uuv-1") == pytest.approx(100.0, abs=0.2)
+
+
+def test_the_minutes_of_who_was_long_away_come_whatever_comes_first() -> None:
+    flown = Flown()
+    flown.fly(20)
+    while flown.hub.seen[0].contact == "live":
+        flown.turn()
+    flown.now_ns += 400 * S
+    start_ns = flown.now_ns - 50 * S
+    flown.turn(History(flown.now_ns, "uuv-1", tuple(state(start_ns + k * S) for k in range(50))))
+    flown.fly(2)
+    assert 50 <= len(flown.rows()) <= 53
+    assert min(one["t"] for one in flown.rows()) >= start_ns / S - 1.0
+
+
+def test_every_gap_is_asked_about_however_many_there_were() -> None:
+    flown = Flown()
+    for _ in range(5):
+        flown.fly(5)
+        asked = len(flown.asked)
+        for _ in range(3):
+            flown.hub.recall("uuv-1", flown.now_ns)
+        assert len(flown.asked) == asked + 1
+        flown.turn(History(flown.now_ns, "uuv-1", (state(flown.now_ns - S),)))
+        while flown.hub.seen[0].contact == "live":
+            flown.turn()
+        flown.now_ns += 20 * S
+        flown.turn()
+
+
 @pytest.mark.parametrize(
     ("profile", "output", "asked"),
     [

@@ -25,7 +25,7 @@ from tests.helpers import (
     setpoints_since,
     state_of,
 )
-from tests.pilot import AUTO, BOTH, NAMES, PX4, tracking
+from tests.pilot import AUTO, BOTH, NAMES, PX4, Pilot, tracking
 from tests.sent_setpoints import sent_setpoint
 
 #: Below the band of depth in 20 s: the demo's helix goes down at 0.1 m/s.
@@ -352,6 +352,18 @@ def test_a_pilot_who_stops_ardupilots_motors_has_ended_the_flight(reason: str) -
     flight.run(2.0)
     assert state_of(flight) is State.CONNECTED
     assert flight.guide.engagement.reason == f"failsafe: {reason}"
+
+
+def test_a_stop_before_the_arming_is_heard_of_is_not_forgotten() -> None:
+    """HEARTBEAT says once a second that it is armed; the switch is told at once, and only once."""
+    flight = make_flight(*ROVER, "supervisor.engage=pilot")
+    flight.run(3.0)
+    assert state_of(flight) is State.READY
+    tell(flight, "RC7: MotorEStop HIGH")
+    flight.run(0.5)
+    Pilot(flight).arm()
+    flight.run(3.0)
+    assert flight.guide.guards.condition == "failsafe: the motors are stopped by the emergency switch"
 
 
 @pytest.mark.parametrize("how", ["let go", "disarmed"])

@@ -142,7 +142,7 @@ def test_the_tables_name_keys_of_the_configuration(profile: Any) -> None:
             "0.1, needs at least 1",
             "set UUV_THRUST_SAT to at least 1: thrust is cut off here",
         ),
-        ((), {"COM_OBL_RC_ACT": 7}, Verdict.WARN, "7: disarm", "that is what the autopilot does when"),
+        ((), {"COM_OBL_RC_ACT": 7}, Verdict.OK, "7: disarm", ""),
         ((), {"COM_OBL_RC_ACT": 99}, Verdict.WARN, "99: a meaning that is not known here", "look it up in"),
         ((), {"COM_OBL_RC_ACT": 5}, Verdict.OK, "5: hold", ""),
         ((), {"MAV_FWDEXTSP": 0}, Verdict.FAIL, "0, needs 1", "set MAV_FWDEXTSP to 1: without it"),
@@ -263,6 +263,8 @@ def test_what_is_quiet_is_shown_only_if_something_is_wrong_with_it() -> None:
         ("px4-rover", "COM_OBL_RC_ACT", 0, Grade.DOUBTFUL),
         ("px4-rover", "COM_OBL_RC_ACT", 5, Grade.GOOD),
         ("px4-copter", "COM_OBL_RC_ACT", 0, Grade.GOOD),
+        ("px4-copter", "COM_OBL_RC_ACT", 7, Grade.DOUBTFUL),
+        ("px4-uuv", "COM_OBL_RC_ACT", 7, Grade.GOOD),  # the thrusters stop, and it floats up
     ],
 )
 def test_a_vehicle_that_would_go_on_with_nobody_in_command_is_warned_of(

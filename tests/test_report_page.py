@@ -344,6 +344,10 @@ def test_where_nothing_can_be_written_it_says_so(log: Path, tmp_path: Path) -> N
     status, _, err = call("report", str(log), "-o", str(tmp_path / "x.html"), "--png", str(tmp_path / "file"))
     assert status == 1
     assert "cannot be written" in err
+    (tmp_path / "png" / "plan.png").mkdir(parents=True)
+    status, _, err = call("report", str(log), "-o", str(tmp_path / "x.html"), "--png", str(tmp_path / "png"))
+    assert status == 1
+    assert "is a directory, and must be a file" in err
 
 
 def test_without_its_extra_the_command_says_what_to_install(

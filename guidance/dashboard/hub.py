@@ -68,15 +68,22 @@ class Hub:
         self._want_history = want_history
         self._asked: dict[str, tuple[int, int]] = {}  # when for whose, and how often
         self._planner = Planner()
+        self._now_ns = 0
 
     def ring(self, vehicle: str) -> bytes:
         """Every row of a vehicle, oldest first; none of one that is not known."""
         known = self._vehicles.get(vehicle)
         return b"" if known is None else known.ring.all()
 
+    def age_s(self, vehicle: str) -> float:
+        """How old the newest of them is, at the last turn."""
+        known = self._vehicles.get(vehicle)
+        return 0.0 if known is None or known.last_ns is None else (self._now_ns - known.last_ns) * 1e-9
+
     def turn(self, arrivals: Iterable[Arrival], now_ns: int) -> list[Answered]:
         """Take in what arrived and make the rows of now; the answers to orders among it are handed back."""
         taken = list(arrivals)
+        self._now_ns = now_ns
         self.rows.clear()
         self.renewed.clear()
         for vehicle in self._vehicles.values():
@@ -153,14 +160,18 @@ class Hub:
 
         late_s = nan if newest(Timing) is None else vehicle.lateness.lately_s
         made = row(now_ns, newest, vehicle.peak_m, late_s) if live else nothing(now_ns)
-        if vehicle.last_ns is not None and now_ns - vehicle.last_ns > KEPT_S * 1_000_000_000:
-            vehicle.ring.clear()
-            vehicle.first_ns = None
-            self.renewed.add(seen.vehicle)
+        self._drop_old(seen.vehicle, vehicle, now_ns)
         vehicle.live, vehicle.last_ns = live, now_ns
         vehicle.first_ns = now_ns if vehicle.first_ns is None else vehicle.first_ns
         vehicle.ring.add(made)
         self.rows[seen.vehicle] = made
+
+    def _drop_old(self, name: str, vehicle: _Rows, now_ns: int) -> None:
+        """What was kept of a vehicle that is back after longer than rows are kept."""
+        if vehicle.last_ns is not None and now_ns - vehicle.last_ns > KEPT_S * 1_000_000_000:
+            vehicle.ring.clear()
+            vehicle.first_ns = vehicle.last_ns = None
+            self.renewed.add(name)
 
     def _history(self, history: History, now_ns: int) -> None:
         """Older rows, once; a vehicle that comes back has those of its absence from nobody."""
@@ -168,6 +179,8 @@ class Hub:
             return
         vehicle = self._vehicle(history.vehicle)
         vehicle.recalled = True
+        self._asked.pop(history.vehicle, None)
+        self._drop_old(history.vehicle, vehicle, now_ns)
         events = [record for record in history.records if isinstance(record, Event)]
         self.fleet.recall(history.vehicle, events[-EVENTS_MAX:], history.arrived_ns)
         before_ns = now_ns if vehicle.first_ns is None else vehicle.first_ns

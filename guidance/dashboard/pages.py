@@ -19,6 +19,10 @@ PIECE_BYTES: Final = 5 * TICK_HZ * ROW.size
 _encode: Final = msgspec.json.Encoder().encode
 
 
+def _new(_: str) -> float:
+    return 0.0
+
+
 class Page:
     """The debts to one page, and the vehicle that it shows; empty is none."""
 
@@ -67,8 +71,13 @@ class Page:
         """What became of an order of its."""
         self._answers.append(said)
 
-    def take(self, ring: Callable[[str], bytes]) -> list[str | bytes]:
-        """All that it is owed, in order: JSON as text, rows as bytes. `ring` gives every row of a vehicle."""
+    def take(self, ring: Callable[[str], bytes], age_s: Callable[[str], float] = _new) -> list[str | bytes]:
+        """All that it is owed, in order: JSON as text, rows as bytes.
+
+        Args:
+            ring: gives every row of a vehicle.
+            age_s: how old the newest of them is.
+        """
         owed: list[str | bytes] = [answer.decode() for answer in self._answers]
         self._answers.clear()
         if self._fleet is not None:
@@ -76,8 +85,8 @@ class Page:
             self._fleet = None
         if self._beginning:
             self._beginning = False
-            owed.append(begins(self.vehicle))
             kept = ring(self.vehicle)
+            owed.append(begins(self.vehicle, len(kept) // ROW.size, age_s(self.vehicle)))
             owed += [kept[at : at + PIECE_BYTES] for at in range(0, len(kept), PIECE_BYTES)]
         elif self._rows:
             owed.append(b"".join(self._rows))
@@ -91,13 +100,16 @@ class Page:
         return owed
 
 
-def begins(vehicle: str) -> str:
-    """What is told before every row of a vehicle: what the rows are."""
+def begins(vehicle: str, kept: int, age_s: float) -> str:
+    """What is told before every row of a vehicle: what the rows are, and that so many of them are of before,
+    the newest of them so old."""
     said = {
         "kind": "begin",
         "vehicle": vehicle,
         "columns": COLUMNS,
         "wrap_s": WRAP_S,
         "rows": KEPT_S * TICK_HZ,
+        "kept": kept,
+        "age_s": age_s,
     }
     return _encode(said).decode()

@@ -290,7 +290,7 @@ class Dashboard:
         while True:
             await opened.ready.wait()
             opened.ready.clear()
-            for message in opened.page.take(self.hub.ring):
+            for message in opened.page.take(self.hub.ring, self.hub.age_s):
                 await connection.send(message)
 
     def _welcome(self) -> dict[str, object]:

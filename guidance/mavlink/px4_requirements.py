@@ -116,7 +116,11 @@ def _told(name: str, what: str, unit: str, plausible: tuple[float, float]) -> Re
 
 #: Both came with PX4 1.17 (2025-07), where they are 0.1 and 0.3 if nobody sets them; before, nothing was cut.
 PX4_UUV: Final = (
-    *PX4_OFFBOARD,
+    # Which of them stop its thrusters is a caution of its own (`guidance.cautions`).
+    *(
+        row._replace(doubtful=frozenset()) if row.parameter == "COM_OBL_RC_ACT" else row
+        for row in PX4_OFFBOARD
+    ),
     _told("UUV_THRUST_SAT", "thrust is cut off here", "", (0.001, 1.0))._replace(low=1.0, serious=False),
     _told("UUV_TORQUE_SAT", "torques are cut off here: it turns no harder", "", (0.001, 1.0)),
 )

@@ -83,11 +83,16 @@ export class Camera {
     this.shift = [this.shift[0] + x, this.shift[1] + y];
   }
 
-  fit() {
+  /** All of what is there, in the middle, from where it is looked at now. */
+  whole() {
     this.scale = 1;
     this.shift = [0, 0];
-    this.follow = false;
     this.unframed = true;
+  }
+
+  fit() {
+    this.whole();
+    this.follow = false;
     if (this.tilt === 0) Object.assign(this, FIRST);
   }
 

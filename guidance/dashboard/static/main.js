@@ -159,7 +159,7 @@ const take = {
   },
   begin(said) {
     begun = said.vehicle;
-    if (begun === shown) rows.begin(said.columns, said.wrap_s, said.rows);
+    if (begun === shown) rows.begin(said.columns, said.wrap_s, said.rows, said.kept, said.age_s);
   },
   about(said) {
     if (said.vehicle !== shown) return;

@@ -7,8 +7,14 @@ export class Rows {
     this.begin([], 4096, 1);
   }
 
-  /** All of another vehicle come next. @param {string[]} columns @param {number} wrapS @param {number} capacity */
-  begin(columns, wrapS, capacity) {
+  /**
+   * All of another vehicle come next.
+   * @param {string[]} columns @param {number} wrapS @param {number} capacity
+   * @param {number} kept so many of them are of before, @param {number} ageS the newest so old
+   */
+  begin(columns, wrapS, capacity, kept = 0, ageS = 0) {
+    this.kept = kept;
+    this.keptMs = performance.now() - 1000 * ageS;
     this.width = columns.length;
     this.at = Object.fromEntries(columns.map((name, i) => [name, i]));
     this.wrapS = wrapS;
@@ -34,7 +40,8 @@ export class Rows {
       this.head = (this.head + 1) % this.capacity;
       this.held = Math.min(this.held + 1, this.capacity);
     }
-    this.heardMs = performance.now();
+    this.heardMs = this.kept > 0 ? this.keptMs : performance.now();
+    this.kept -= rows.length / this.width;
   }
 
   /** Where the i-th oldest row is. @param {number} i */

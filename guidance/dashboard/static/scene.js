@@ -47,6 +47,7 @@ export class Scene {
   reset() {
     this.bounds = null;
     this.fence = this.plan = this.origin = null;
+    this.camera.whole();
   }
 
   /** @param {Rows} rows @param {number} windowS paths are drawn over so long */
@@ -215,8 +216,8 @@ export class Scene {
   }
 
   /**
-   * @param {CanvasRenderingContext2D} c
    * An old pose is an outline with its age, and nothing that it was to do.
+   * @param {CanvasRenderingContext2D} c
    * @param {{place: Float32Array, q: Float32Array, field: Float32Array, reference: Float32Array, old: boolean, ageS: number}} pose
    * @param {number} ground
    */

@@ -284,12 +284,12 @@ def test_a_simulator_at_another_speed_is_flown(seconds: float) -> None:
 
 
 def test_what_is_doubtful_is_warned_of_once_and_flown() -> None:
-    flight = make_flight(parameters={"COM_OBL_RC_ACT": 7})
+    flight = make_flight(parameters={"COM_RCL_EXCEPT": 4})
     fly_until_tracking(flight)
     flight.run(3.0)
     (warning,) = events_of(flight, "parameter")
     assert warning.startswith(
-        "COM_OBL_RC_ACT = 7: disarm: that is what the autopilot does when the setpoints"
+        "COM_RCL_EXCEPT = 4: OFFBOARD goes on when sticks are lost: when the transmitter is lost nobody can"
     )
 
 

@@ -154,7 +154,7 @@ def test_charts_are_of_what_the_vehicle_is_told(
 
 
 CUT_OFF = """() => [...document.querySelectorAll("#fleet tbody tr")].flatMap((line) => {
-  const table = document.getElementById("fleet").getBoundingClientRect();
+  const table = document.getElementById("fleet").parentElement.getBoundingClientRect();
   const cells = [...line.cells].filter((cell) => cell.checkVisibility());
   return cells.flatMap((cell, k) => {
     const at = cell.getBoundingClientRect(), next = cells[k + 1]?.getBoundingClientRect();

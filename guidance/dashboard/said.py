@@ -184,6 +184,7 @@ def asked(settings: Settings) -> str:
     profile = PROFILES.get(settings.vehicle.profile)
     if profile is None:
         return ""
+    # As `config.profile_of`, of a configuration that may be of another version.
     by_rates = "rates" in (settings.airplane.output, settings.copter.output)
     told = (profile.by_rates() if by_rates else profile).asked
     if told is Asked.VELOCITY_YAW_RATE:

@@ -70,7 +70,7 @@ export function remarks(seen) {
   return odd.length ? `, ${odd.join(", ")}` : "";
 }
 
-/** The way to the autopilot and back, or how long it is quiet. @param {any} seen */
+/** How long the way to the autopilot and back takes, or that it is quiet. @param {any} seen */
 function linkWords(seen) {
   if (seen.contact !== "live") return UNKNOWN;
   if (quietLink(seen)) return "quiet";

@@ -20,6 +20,10 @@ NOTE_TEXTS = """() => { window.texts = new Set();
     brush.fillText = function (text, ...at) { texts.add(text); fill.call(this, text, ...at); }; }"""
 
 
+#: Hull, fin and the heads of arrows are filled, and nothing else.
+COUNT_FILLED = """() => { window.filled = 0;
+    const brush = CanvasRenderingContext2D.prototype, fill = brush.fill;
+    brush.fill = function () { filled += 1; fill.call(this); }; }"""
 PIXELS = "document.getElementById('scene').toDataURL()"
 
 
@@ -46,8 +50,15 @@ def test_a_pose_that_is_old_says_so_beside_what_is_new(browser: Browser) -> None
         script.rows(count=40, error=0.2)  # two seconds without a state
         script.flow(0.2)
         assert any(text.startswith("position 2.") for text in texts(page))
+        page.evaluate(COUNT_FILLED)
+        script.rows(count=2, error=0.2)
+        script.flow(0.2)
+        assert page.evaluate("filled") == 0, "an outline, and no arrow to where it was to go"
         expect(page.locator("#readings")).to_contain_text("0.200")
         expect(page.locator("#readings")).to_contain_text("Last north\N{MINUS SIGN}1.52")
+        script.rows(2, error=0.2, **AT)
+        script.flow(0.2)
+        assert page.evaluate("filled") > 0
 
 
 def test_of_a_vehicle_that_is_lost_the_way_and_the_last_place_stay(browser: Browser) -> None:
